@@ -1,1 +1,1 @@
-"""Studies: each defines what to run, what to measure and what to write."""
+"""Studies: each defines its runs, its figures and the files that it writes."""

@@ -1,4 +1,5 @@
-"""Fit the second-order model to the nonlinear one, for flight simulations in which the difference does not matter."""
+"""Fit the second-order model to the nonlinear actuator, for flight simulations in which the difference is acceptable.
+"""
 
 from __future__ import annotations
 
@@ -15,24 +16,24 @@ from ..parameters import ParameterSet, file_entry, load_parameters, write_parame
 from ..simulation import Array, simulate
 
 MODEL = "second-order"
-SIZES = (1.0, 2.5, 5.0, 10.0, 20.0)  # deg, of the fitted steps, whose responses are divided by these
-STOP = 0.4  # s
-# Initial value, lower and upper bound, SI.
+SIZES = (1.0, 2.5, 5.0, 10.0, 20.0)  # deg, sizes of the fitted steps; each response is divided by its step's size
+STOP = 0.4  # s, duration of each response
+# Initial value, lower and upper bound of each fitted parameter, SI.
 _SEARCHED = {"second_order.natural_frequency": (100.0, 5.0, 2000.0), "second_order.damping": (0.7, 0.05, 3.0),
              "second_order.rate_limit": (4.0, 0.1, 100.0), "drive.transport_delay": (3e-3, 0.0, 0.03)}
 NAMES = tuple(_SEARCHED)
 _BEGIN, _LOWEST, _HIGHEST = np.array(list(_SEARCHED.values())).T
-_AT_BOUND = 1e-3  # share of the range: finer than the digits that are written
+_AT_BOUND = 1e-3  # distance that counts as at a bound, as a share of the range: less than the written digits resolve
 _NOTE = "Fitted to the nonlinear model."
-# Weight of the damping among the residuals. A second pole far beyond the first and a longer delay differ by 0.03 % of a
-# step only; the weight prefers less damping.
+# Weight of the damping among the residuals: it prefers less damping. The effects of a second pole far beyond the first
+# and of a longer delay differ by 0.03 % of a step only.
 _LEAST = 0.05
-_DIFFERENCE = 3e-3  # relative step of the derivatives: a delay acts in thousandths of the sample time
+_DIFFERENCE = 3e-3  # relative step for derivatives: a delay acts in thousandths of the sample time
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The fitted parameters, and the largest and the rms difference of each step [% of its size]."""
+    """The fitted parameters; for each of the `sizes` [deg] the largest and the rms difference [% of the size]."""
 
     parameters: ParameterSet
     sizes: tuple[float, ...]
@@ -41,7 +42,7 @@ class Fit:
 
     @property
     def at_bound(self) -> dict[str, str]:
-        """The fitted values at a bound of the search, with its name: lower or upper."""
+        """The bound, ``lower`` or ``upper``, by the name of each fitted parameter that is at one."""
         shares = {name: (float(self.parameters.values[name]) - lowest) / (highest - lowest)
                   for name, (_, lowest, highest) in _SEARCHED.items()}
         return {name: "lower" if share < 0.5 else "upper" for name, share in shares.items()
@@ -49,22 +50,23 @@ class Fit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """A line for each fitted value at a bound of the search."""
+        """A message for each fitted value at a bound."""
         return tuple(
-            f"{name} = {self.parameters.values[name]:.4g} is at the {side} bound of the fit: what fits best may lie "
-            "beyond; see whether the differences left are small enough" for name, side in self.at_bound.items())
+            f"{name} = {self.parameters.values[name]:.4g} is at the {side} bound of the fit: the best value may be "
+            "beyond; check whether the remaining differences are small enough" for name, side in self.at_bound.items())
 
     def figures(self) -> dict[str, Any]:
-        """Return the fitted values and the remaining differences, for JSON."""
+        """Return the fitted values [SI] and the remaining differences, for JSON."""
         return {"parameters": {name: self.parameters.values[name] for name in NAMES}, "at_bound": self.at_bound,
                 "step_deg": self.sizes,
                 "largest_difference_percent": self.largest, "rms_difference_percent": self.rms}
 
 
 def fit(nonlinear: ParameterSet) -> Fit:
-    """Fit natural frequency, damping, rate limit and delay by least squares to unloaded steps from rest, both ways.
+    """Fit natural frequency, damping, rate limit and delay by least squares to steps from rest without load, both ways.
 
-    Steps beyond command.limit are omitted; the encoder stays as in the set. Raises ParameterError.
+    `nonlinear` are the parameters of the nonlinear actuator. Steps beyond command.limit are omitted; if all are, a
+    step to command.limit is used. The encoder is as in the set. Raises ParameterError.
     """
     limit = degrees(float(nonlinear.values["command.limit"])) * (1.0 + 1e-9)
     sizes = tuple(size for size in SIZES if size <= limit) or (limit,)
@@ -83,12 +85,13 @@ def fit(nonlinear: ParameterSet) -> Fit:
     units = {e.variable.name: e.variable.unit for e in base.entries}
     fitted = base.with_values({name: file_entry([float(f"{x:.4g}")], units[name], "estimate", _NOTE)
                            for name, x in zip(NAMES, solution.x * _BEGIN, strict=True)})
-    left = 100.0 * np.abs(_responses(fitted.values, MODEL, sizes) - nonlinear_steps)
-    return Fit(fitted, sizes, tuple(left.max(axis=1).tolist()), tuple(np.sqrt(np.mean(left**2, axis=1)).tolist()))
+    differences = 100.0 * np.abs(_responses(fitted.values, MODEL, sizes) - nonlinear_steps)
+    return Fit(fitted, sizes, tuple(differences.max(axis=1).tolist()),
+               tuple(np.sqrt(np.mean(differences**2, axis=1)).tolist()))
 
 
 def _responses(values: Mapping[str, Any], model: str, sizes: tuple[float, ...]) -> Array:
-    """Return fin angle over command, the mean of both directions [sizes, rows]."""
+    """Return the ratio of fin angle to command [sizes, rows], the mean of both directions."""
     def one(size: float) -> Array:
         return simulate(values, STOP, model=model, fin_command=radians(size))["fin_angle"] / radians(size)
 
@@ -96,8 +99,8 @@ def _responses(values: Mapping[str, Any], model: str, sizes: tuple[float, ...]) 
 
 
 def write_fitted(fit: Fit, path: Path, command: str) -> None:
-    """Write a parameter file of the second-order model with all values that differ from its defaults."""
-    left = ", ".join(f"{rms:.2g} % at {size:g} deg" for size, rms in zip(fit.sizes, fit.rms, strict=True))
+    """Write a parameter file for the second-order model with all values that differ from its defaults."""
+    remaining = ", ".join(f"{rms:.2g} % at {size:g} deg" for size, rms in zip(fit.sizes, fit.rms, strict=True))
     write_parameters(fit.parameters, path, [
         "Parameters of the second-order model, over its defaults.", f"Made by: {command}",
-        f"Differences left, rms of a step's size: {left}.", *fit.warnings])
+        f"Remaining differences, rms as a share of the step: {remaining}.", *fit.warnings])

@@ -1,4 +1,4 @@
-"""An overview of a user's set: the estimates left in it, their effects, and figures that follow from it."""
+"""An overview of a user's parameter set: its remaining estimates, their effects, and figures that follow from it."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from ..units import RPM
 if TYPE_CHECKING:
     from .analysis.capability import Capability
 
-CHANGE = 0.1  # of a value whose effect is measured
-DURATION = 0.5  # s, of the step with which it is measured
+CHANGE = 0.1  # relative change of a value whose effect is measured
+DURATION = 0.5  # s, duration of the step with which the effect is measured
 
 
 @dataclass(frozen=True)
 class Estimate:
     """An estimate of the default set, or several that belong together: an array, or a pair that is equal in SI units.
 
-    It is not `shipped` if it is a value of a user's actuator. `effect` [rad] is the largest change of the fin's angle;
-    None where it was not measured, or a change by 10 % has no meaning: a value of 0, a switch, an integer, a
-    temperature.
+    `shipped` is false for a value of a user's actuator. `effect` [rad] is the largest change of the fin angle by a 10 %
+    change of the value. It is None if it was not measured, or if the change has no meaning: a value of 0, a switch, an
+    integer, a temperature.
     """
 
     names: tuple[str, ...]
@@ -42,15 +42,15 @@ class Estimate:
 
     @property
     def label(self) -> str:
-        """The name, of an array without indices."""
+        """The names, joined by "with"; that of an array is without indices."""
         return " with ".join(dict.fromkeys(name.partition("[")[0] for name in self.names))
 
 
 def offered(base: ParameterSet) -> dict[str, list[Entry]]:
-    """Return by name the entries for which a user probably has values; an array is one entry.
+    """Return the entries for which a user probably has values, by name; the elements of an array are in one list.
 
-    These are the entries whose declaration names a data sheet's line, and for a user's actuator all that it adds to
-    the fin port.
+    These are the entries whose declaration names a line of a datasheet. For a user's actuator they are also all
+    entries that are not those of the fin port.
     """
     port = {v.name for v in fin_port.PARAMETERS}
     chosen = [e for e in base.entries if e.variable.sheet or (
@@ -59,23 +59,23 @@ def offered(base: ParameterSet) -> dict[str, list[Entry]]:
 
 
 def remaining_estimates(parameters: ParameterSet) -> tuple[Estimate, ...]:
-    """Return the estimates of the actuator's default set that a set has unchanged, in the actuator's order."""
+    """Return the estimates in the actuator's default set that a set does not change, in the actuator's order."""
     default = {e.variable.name: e for e in load_parameters(model=parameters.model).entries}
-    left = [e.variable.name for e in parameters.entries
-            if e.source == "estimate" and e == default[e.variable.name]]
-    follows = {other: name for name, other in parameters.actuator.equal_parameters if {name, other} <= {*left}}
-    groups = [tuple(names) for _, names in groupby((name for name in left if name not in follows),
+    remaining = [e.variable.name for e in parameters.entries
+                 if e.source == "estimate" and e == default[e.variable.name]]
+    follows = {other: name for name, other in parameters.actuator.equal_parameters if {name, other} <= {*remaining}}
+    groups = [tuple(names) for _, names in groupby((name for name in remaining if name not in follows),
                                                    lambda name: name.partition("[")[0])]
-    paired = {name: other for other, name in follows.items()}
+    followers = {name: other for other, name in follows.items()}
     actuator = parameters.actuator
-    users = () if is_shipped(parameters.model) else (
+    own_files = () if is_shipped(parameters.model) else (
         (actuator.source or Path(actuator.name)).name, *(file.name for file in actuator.files))
-    return tuple(Estimate((*names, *(paired[name] for name in names if name in paired)),
-                          default[names[0]].file not in users) for names in groups)
+    return tuple(Estimate((*names, *(followers[name] for name in names if name in followers)),
+                          default[names[0]].file not in own_files) for names in groups)
 
 
 def in_words(parameters: ParameterSet, estimates: Sequence[Estimate]) -> str:
-    """Return how many values of a set are remaining estimates, and how many of a user's actuator are shipped ones."""
+    """Return the number of remaining estimates in words; for a user's actuator also the number of shipped estimates."""
     count = sum(len(each.names) for each in estimates)
     shipped = sum(len(each.names) for each in estimates if each.shipped)
     of_all = f"{count} of {len(parameters.entries)} values"
@@ -85,7 +85,7 @@ def in_words(parameters: ParameterSet, estimates: Sequence[Estimate]) -> str:
 
 
 def by_group(estimates: Iterable[Estimate]) -> dict[str, list[str]]:
-    """Return by group, such as ``motor``, the labels of its estimates without the group."""
+    """Return the labels of estimates, without the group, by group such as ``motor``."""
     groups: dict[str, list[str]] = {}
     for estimate in estimates:
         group, dot, name = estimate.label.partition(".")
@@ -94,16 +94,16 @@ def by_group(estimates: Iterable[Estimate]) -> dict[str, list[str]]:
 
 
 def by_effect(parameters: ParameterSet, torque: float = 0.0) -> tuple[Estimate, ...]:
-    """Return the remaining estimates with the effect of 10 % of each, the largest first.
+    """Return the remaining estimates with the effect of a 10 % change of each, the largest first.
 
-    The effect is the largest difference of the fin's angle within 0.5 s after a step to half of command.limit against a
-    hinge moment `torque` [N.m]. Plant and controllers both use the changed value, which is 10 % lower where 10 % more
-    is refused.
+    The effect is the largest difference of the fin angle within 0.5 s after a step to half of command.limit against a
+    hinge moment `torque` [N.m]. Plant and controllers both use the changed value: 10 % more or, if that is refused,
+    10 % less.
     """
-    before = _response(parameters, torque)
-    changed = [replace(each, effect=_effect(parameters, each.names, torque, before))
-               for each in remaining_estimates(parameters)]
-    return tuple(sorted(changed, key=lambda e: -1.0 if e.effect is None else e.effect, reverse=True))
+    unchanged = _response(parameters, torque)
+    estimates = [replace(each, effect=_effect(parameters, each.names, torque, unchanged))
+                 for each in remaining_estimates(parameters)]
+    return tuple(sorted(estimates, key=lambda e: -1.0 if e.effect is None else e.effect, reverse=True))
 
 
 def _response(parameters: ParameterSet, torque: float) -> Array:
@@ -113,7 +113,7 @@ def _response(parameters: ParameterSet, torque: float) -> Array:
     return run["fin_angle"]
 
 
-def _effect(parameters: ParameterSet, names: Iterable[str], torque: float, before: Array) -> float | None:
+def _effect(parameters: ParameterSet, names: Iterable[str], torque: float, unchanged: Array) -> float | None:
     variables = {e.variable.name: e.variable for e in parameters.entries}
     values = {name: float(parameters.values[name]) for name in names
               if variables[name].kind == "Real" and variables[name].unit != "degC"}
@@ -122,14 +122,14 @@ def _effect(parameters: ParameterSet, names: Iterable[str], torque: float, befor
     for factor in (1.0 + CHANGE, 1.0 - CHANGE):
         try:
             changed = parameters.with_values({name: factor * value for name, value in values.items()})
-            return float(np.max(np.abs(_response(changed, torque) - before)))
+            return float(np.max(np.abs(_response(changed, torque) - unchanged)))
         except (ParameterError, ArithmeticError):
             continue
     return None
 
 
 def _capability(parameters: ParameterSet) -> Capability | None:
-    """Return the capability of motor and drive; None for an actuator without the equations for it."""
+    """Return the capability of motor and drive; None for an actuator without the required equations."""
     from .analysis.capability import NEEDS, capability  # here: importing the analysis takes a fraction of a second
 
     able = parameters.actuator.provides.issuperset(NEEDS)
@@ -137,15 +137,15 @@ def _capability(parameters: ParameterSet) -> Capability | None:
 
 
 def stalled(parameters: ParameterSet, torque: float) -> Iterator[str]:
-    """Yield a warning where a hinge moment [N.m] exceeds the stall torque of motor, current limit and reduction."""
+    """Yield a warning if a hinge moment [N.m] exceeds the smallest stall moment within the range of commands."""
     can = _capability(parameters)
-    if can is not None and torque > (least := float(np.min(can.stall))):
-        yield (f"a hinge moment of {torque:.6g} N.m stalls it: motor.torque_constant and drive.current_limit move "
-               f"{least:.4g} N.m within the range of commands, friction and reduction counted")
+    if can is not None and torque > (smallest := float(np.min(can.stall))):
+        yield (f"a hinge moment of {torque:.6g} N.m stalls the actuator: motor.torque_constant and drive.current_limit "
+               f"move {smallest:.4g} N.m within the range of commands, including friction and reduction")
 
 
 def amounts_to(parameters: ParameterSet) -> Mapping[str, str]:
-    """Return figures that follow from a set with motor, screw and lever, as text by their names; otherwise none."""
+    """Return figures that follow from a set with motor, screw and lever, as texts by name; otherwise none."""
     actuator, can = parameters.actuator, _capability(parameters)
     if can is None or capabilities.SCREW_AND_LEVER not in actuator.provides:
         return {}
@@ -158,8 +158,8 @@ def amounts_to(parameters: ParameterSet) -> Mapping[str, str]:
     return {
         "motor turns per turn of the fin": f"{ratio:.4g} to {float(np.max(can.ratio)):.4g}",
         "no-load speed of the motor at the supply": f"{RPM * free:.4g} rpm",
-        "least fin rate without load": f"{degrees(float(np.min(can.rate))):.4g} deg/s",
-        "least hinge moment that stalls it": f"{float(np.min(can.stall)):.4g} N.m",
+        "smallest fin rate without load": f"{degrees(float(np.min(can.rate))):.4g} deg/s",
+        "smallest hinge moment that stalls it": f"{float(np.min(can.stall)):.4g} N.m",
         "stroke of the nut from stop to stop": f"{1e3 * (travel[1] - travel[0]):.4g} mm",
-        "a count of the motor's encoder": f"{degrees(float(sensors.resolution(p)) / ratio):.3g} deg of the fin",
+        "one count of the motor's encoder": f"{degrees(float(sensors.resolution(p)) / ratio):.3g} deg of the fin",
     }

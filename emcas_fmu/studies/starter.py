@@ -1,7 +1,7 @@
-"""Starter files for a new actuator: a parameter file to fill in from its datasheets, and studies.
+"""Starter files for a new actuator: a parameter file to fill in from datasheets, and files of studies.
 
-Nothing is duplicated: names, units and the terms of datasheets come from the actuator's declaration, values and their
-sources from its default set, studies from the files in models.
+Names, units and the terms of datasheets come from the actuator's declaration, values and their sources from its default
+set, and studies from the files in models.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ README = "README.md"
 SOURCES = {"thesis": "read in the thesis", "derived": "derived", "tuned": "by emcas tune", "estimate": "an estimate"}
 _WIDTH = 116
 _HOW = ("Remove the # before a value that you have, and write it in the unit of your sheet: \"4 mm/turn\", "
-        "\"35 ozf*in/A\", \"420 g*cm^2\". What stays commented keeps the default value; with nothing uncommented this "
-        "is the default actuator. docs/use/your_actuator.md relates datasheets to these values; "
+        "\"35 ozf*in/A\", \"420 g*cm^2\". Commented values keep their defaults; with all values commented this is "
+        "the default actuator. docs/use/your_actuator.md relates datasheets to these values; "
         "`emcas parameters -p FILE` checks the file and lists what is still an estimate.")
 _BARE = re.compile("[A-Za-z0-9_-]+")
 _VARIED = re.compile(r'^\[vary\."(.+?)"\]', re.MULTILINE)
@@ -42,7 +42,7 @@ def starter_files(base: ParameterSet) -> dict[str, str]:
 
 def parameter_text(base: ParameterSet) -> str:
     """Return a parameter file in which every offered value is commented out."""
-    lines = [f"# Parameters of your {base.actuator.name} actuator, over its default ones.", "#"]
+    lines = [f"# Parameters of your {base.actuator.name} actuator, which override its defaults.", "#"]
     lines += _comment(_HOW, "# ")
     tables: dict[str, list[str]] = {}
     for name, entries in offered(base).items():
@@ -56,7 +56,7 @@ def parameter_text(base: ParameterSet) -> str:
 
 
 def _described(entries: Sequence[Entry]) -> Iterator[str]:
-    """Yield comments on a value: its description, where a datasheet has it, the default value and its source."""
+    """Yield comments on a value: description, term in a datasheet, default value and source."""
     first, variable = entries[0], entries[0].variable
     number = f" (and so on: {len(entries)} values)" if len(entries) > 1 else ""
     yield from _comment(f"{variable.description}{number}", "# ")
@@ -77,13 +77,13 @@ def _key(name: str) -> str:
 
 
 def _value(entries: Sequence[Entry]) -> str:
-    """Return the TOML of a value or an array with its unit, as in its default file."""
+    """Return a value or an array with its unit as TOML, as in the default file."""
     texts = [e.text if e.variable.unit in ("", "1") else json.dumps(e.text, ensure_ascii=False) for e in entries]
     return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
 
 
 def campaign_text(base: ParameterSet) -> str:
-    """Return the shipped campaign for the user's file, without parameters and inputs that the actuator lacks."""
+    """Return the shipped campaign with the user's file, without parameters and inputs that the actuator lacks."""
     parameters, inputs = set(base.values), {v.name for v in base.actuator.inputs}
     model = "" if base.model == NONLINEAR else f"\nmodel = {json.dumps(base.model)}"
     kept, without = [], set()
@@ -99,16 +99,16 @@ def campaign_text(base: ParameterSet) -> str:
 
 
 def commands(base: ParameterSet, files: Mapping[str, str]) -> list[list[str]]:
-    """Return the next commands, each with its purpose."""
+    """Return the commands to run next, each with its purpose."""
     model = [] if base.model == NONLINEAR else ["--model", base.model]
     tuned = "tuned.toml" if TUNING in files else PARAMETERS
-    lines = [(["parameters", "-p", PARAMETERS, *model], "checks, and what is still an estimate"),
+    lines = [(["parameters", "-p", PARAMETERS, *model], "checks, and the remaining estimates"),
              (["simulate", "-p", PARAMETERS, *model, "--step", "5", "--plot", "step.html"], "a first step")]
     if TUNING in files:
         lines.append((["tune", TUNING, "-p", PARAMETERS, *model, "-o", tuned, "--report", "tuning.html"],
                       "gains; a minute or two, less with fewer --generations"))
-    lines += [(["build", "-p", tuned, *model, "-o", "MyActuator.fmu"], "the FMU; --backend native: as C"),
-              (["report", tuned, *model, "--requirements", REQUIREMENTS, "-o", "report.html"], "the acceptance test"),
+    lines += [(["build", "-p", tuned, *model, "-o", "MyActuator.fmu"], "FMU; in C with --backend native"),
+              (["report", tuned, *model, "--requirements", REQUIREMENTS, "-o", "report.html"], "acceptance test"),
               (["campaign", CAMPAIGN, "--output", "results"], "production scatter")]
     return [[shlex.join(["emcas", *arguments]), purpose] for arguments, purpose in lines]
 
@@ -116,13 +116,13 @@ def commands(base: ParameterSet, files: Mapping[str, str]) -> list[list[str]]:
 def _readme(base: ParameterSet, files: Mapping[str, str]) -> str:
     listed = commands(base, files)
     width = max(len(command) for command, _ in listed)
-    about = {PARAMETERS: "your values go here", TUNING: "what the gains must meet: `emcas tune`",
+    about = {PARAMETERS: "your values", TUNING: "requirements for the gains: `emcas tune`",
              CAMPAIGN: "scatter, cold and load: `emcas campaign`",
-             REQUIREMENTS: "its requirements: `emcas validate`, `report`, `compare`"}
+             REQUIREMENTS: "the actuator's requirements: `emcas validate`, `report`, `compare`"}
     return "\n".join([
         f"# An actuator of the model {base.actuator.name}", "",
         *(f"- `{name}`: {what}" for name, what in about.items() if name in files), "",
-        "Limits in the studies are those of the shipped electromechanical actuator: replace them by yours. In this "
-        "folder:", "", "```sh",
+        "The limits in the studies are those of the shipped electromechanical actuator: replace them by your limits. "
+        "Run in this folder:", "", "```sh",
         *(f"{command:<{width}}  # {purpose}" for command, purpose in listed), "```", "",
-        "How a datasheet's terms become these values: docs/use/your_actuator.md of the project.", ""])
+        "docs/use/your_actuator.md of the project relates a datasheet's terms to these values.", ""])

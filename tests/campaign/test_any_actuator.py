@@ -124,7 +124,7 @@ def test_a_users_file_that_changed_is_another_campaign(direct: Path, tmp_path: P
     with pytest.raises(CampaignError, match="model_sha256"):
         Store(tmp_path / "out", load_study(direct))
     sample._opened.cache_clear()
-    with pytest.raises(CampaignError, match=r"direct_drive\.py: is not the file the campaign began with"):
+    with pytest.raises(CampaignError, match=r"direct_drive\.py: is not the file with which the campaign began"):
         rows_of(study, [0], np.array([[20.0, 0.0]]))
 
 

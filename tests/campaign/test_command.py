@@ -84,10 +84,10 @@ def test_a_scheduler_that_is_running(write: Write, tmp_path: Path, client: Any) 
 @pytest.mark.parametrize(("arguments", "said"), [
     (("--scheduler", "tcp://127.0.0.1:1"), "start one with `dask scheduler`"),
     (("--scheduler", "tcp://127.0.0.1:1", "--workers", "2"), "give one of them"),
-    (("--only", "24"), "numbered from 0 to 23"),
+    (("--only", "24"), "the indices are 0 to 23"),
     (("--fmu", "none.fmu"), "there is no such file"),
-    (("--fmu", "none.toml"), "is no FMU by its name"),
-    (("--fin", "2"), "fin 2 is one of an FMU; name it with --fmu"),
+    (("--fmu", "none.toml"), "is not an FMU by its name"),
+    (("--fin", "2"), "fin 2 is one of an FMU; name the FMU with --fmu"),
     (("--report", "none/x.html"), "there is no folder"),
     (("--output", "small.toml/x"), "is a file; give a folder"),
 ])
@@ -135,7 +135,7 @@ def test_what_is_no_scheduler_is_told_in_time(write: Write, tmp_path: Path, monk
     said = refused_by(write, f"tcp://127.0.0.1:{silent}")
     assert time.monotonic() - begin < 15.0  # of 1 s, on a machine with other work
     assert "no scheduler answers there (within 1 s)" in said
-    assert "tcp://host:8786, which is not that of its dashboard, http://host:8787" in said
+    assert "tcp://host:8786, not that of its dashboard, http://host:8787" in said
     client.wait_for_workers(1, timeout=30)  # on a machine with other work it may be away for a while
     assert "a Worker answers" in refused_by(write, next(iter(client.scheduler_info()["workers"])))
 

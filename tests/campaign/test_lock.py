@@ -45,7 +45,7 @@ def test_a_second_run_is_refused(tmp_path: Path, other: subprocess.Popen[str]) -
         done = campaign(tmp_path / "small.toml", "--output", tmp_path / "out", "--workers", 0)
         assert done.exit_code == 2, done.output
         said = " ".join(done.stderr.split())
-        assert f"another run (pid {other.pid} on " in said
+        assert f"another process (pid {other.pid} on " in said
         assert f"writes to {tmp_path / 'out'}" in said
     assert partial.exists()
     assert list((tmp_path / "out" / "samples").glob("part-*")) == []
@@ -60,10 +60,10 @@ def test_a_killed_run_holds_nothing(tmp_path: Path, other: subprocess.Popen[str]
 
 
 def test_one_process_is_no_exception(write: Write, small: Study, tmp_path: Path) -> None:
-    with Store(tmp_path / "out", small), pytest.raises(CampaignError, match="another run"):
+    with Store(tmp_path / "out", small), pytest.raises(CampaignError, match="another process"):
         Store(tmp_path / "out", small)
     changed = load_study(write(SMALL.replace("seed = 5", "seed = 7")))
     for _ in range(2):  # a refusal lets go of the folder
-        with pytest.raises(CampaignError, match="holds another campaign"):
+        with pytest.raises(CampaignError, match="contains another campaign"):
             Store(tmp_path / "out", changed)
     Store(tmp_path / "out", small).close()

@@ -262,12 +262,12 @@ def test_the_shipped_campaign(tmp_path: Path) -> None:
     file.write_text(text.replace("samples = 2000", "samples = 30"), encoding="utf-8")
     done = campaign(file, "--output", folder, "--workers", 0, "--model", "nonlinear+heat+faults")
     assert done.exit_code == 0, done.output
-    assert "what the built-in test detected" in done.output
+    assert "their detection by the built-in test" in done.output
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert summary["model"] == "nonlinear+heat+faults"
     assert sum(f["samples"] for f in summary["findings"]) == 30
     assert {t["name"] for t in summary["tallies"]} >= {"fly.status_last", "fly.built_in_test_ever"}
     assert "512 (encoder_reversed)" in campaign(file, "--only", 3).output
     page = (folder / "summary.html").read_text(encoding="utf-8")
-    assert "Faults, and what the built-in test detected" in page
+    assert "Faults, and their detection by the built-in test" in page
     assert "--model nonlinear+heat+faults" in page

@@ -281,7 +281,7 @@ def test_other_requirements_are_another_campaign(write: Write, required: Path, t
     required.write_text(REQUIRED.replace('"10 Hz"', '"11 Hz"'), encoding="utf-8")
     with pytest.raises(CampaignError, match=r"requirements\.bandwidth\.minimum: 10\.0 then, 11\.0 now"):
         Store(tmp_path / "out", load_study(file, requirements=required))
-    with pytest.raises(CampaignError, match=r"requirements\.\w+\.\w+: .* then, not given now"):
+    with pytest.raises(CampaignError, match=r"requirements\.\w+\.\w+: .* then, nothing now"):
         Store(tmp_path / "out", load_study(file))
 
 
@@ -299,5 +299,5 @@ def test_the_shipped_ones_and_what_an_actuator_has_not(write: Write) -> None:
 
 
 def test_no_experiment_is_called_so(write: Write) -> None:
-    with pytest.raises(CampaignError, match="another than requirement"):
+    with pytest.raises(CampaignError, match="other than requirement"):
         load_study(write(VARIED.replace("[experiments.step]", "[experiments.requirement]")))

@@ -91,7 +91,7 @@ def test_no_worker_is_left(small: Study, store: Store, monkeypatch: pytest.Monke
     monkeypatch.setattr(run, "_RESTARTED", 1.0)
     with local_client(1) as other:
         other.retire_workers()
-        with pytest.raises(CampaignError, match=r"no worker has run for 1 s: .* the same command goes on"):
+        with pytest.raises(CampaignError, match=r"no worker has run for 1 s: .* the same command continues"):
             by_dask(other, small, store.missing(), store.write)
     assert len(store.missing()) == 24
 

@@ -225,5 +225,5 @@ def test_an_fmu_after_a_failure_and_another_file(write: Write, native: Path, tmp
     assert bad["status"] == "failed"
     assert "aero_torque" in bad["error"]
     assert row_of(plan, 0, good, subject) == before
-    with pytest.raises(CampaignError, match="is not the file the campaign began with"):
+    with pytest.raises(CampaignError, match="is not the file with which the campaign began"):
         sample.subject_of(replace(plan, fmu_sha256="0" * 64))

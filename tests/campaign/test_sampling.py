@@ -73,7 +73,7 @@ def test_a_grid_has_every_point_once(write: Write) -> None:
 
 
 def test_there_is_no_sample_beyond_the_last(write: Write) -> None:
-    with pytest.raises(IndexError, match="from 0 to 23"):
+    with pytest.raises(IndexError, match="indices are 0 to 23"):
         method(write, "monte-carlo").draw([24])
 
 

@@ -141,30 +141,30 @@ duration = "0.2 s"
     ("motor.torque_constant\"]\ndis", "motor.torque_konstant\"]\ndis", "did you mean motor.torque_constant"),
     ("[vary.\"friction", "[vary.motor.torque_constant]\nsd = 1\n[vary.\"friction", "appears twice"),
     ("aero_torque]", "aero_tork]", "did you mean aero_torque"),
-    ("aero_torque]", "fin_command]", "the command is that of an experiment"),
+    ("aero_torque]", "fin_command]", "the experiment determines the command"),
     ('"normal"', '"norml"', "did you mean normal"),
     ('sd = "3 %"', 'sdd = "3 %"', "unknown key 'sdd'; did you mean sd"),
     ('sd = "3 %"', 'sd = "0 %"', "must be above 0"),
     ('sd = "3 %"', 'sd = "3 kg"', "vary.motor.torque_constant.sd = 3 kg"),
-    ('sd = "3 %"', 'sd = "60 %"', "truncate it"),
+    ('sd = "3 %"', 'sd = "60 %"', "use distribution = \"truncated-normal\""),
     ('sd = "3 %"', "", "sd is missing"),
     ('"uniform"\nlow = "-6 degC"\nhigh = "24 degC"', '"normal"\nmean = "10 degC"\nsd = "10 %"',
-     "give a difference such as 5 K"),
+     "write a difference such as 5 K"),
     ('"uniform"\nlow = "-6 degC"\nhigh = "24 degC"', '"choice"\nlevels = ["1 degC"]\nweights = [inf]',
      "weights must be 1 finite numbers above 0"),
     ('"constant"\nvalue =', '"window"\nbegin = "30 ms"\nend = "10 ms"\nvalue =',
      "end = 0.01 s is before begin = 0.03 s"),
     ('"constant"\nvalue =', '"window"\nbegin = { low = "30 ms", high = "50 ms", count = 3 }\nend = "20 ms"\nvalue =',
      "end = 0.02 s is before begin = 0.03 s"),
-    ('kind = "step"', 'kind = "sweep"\nlow = "20 Hz"\nhigh = "20 Hz"', "low (up to 20 Hz) must be below high"),
+    ('kind = "step"', 'kind = "sweep"\nlow = "20 Hz"\nhigh = "20 Hz"', "low (at most 20 Hz) must be below high"),
     ('kind = "step"', 'kind = "chirp"\nlow = "20 Hz"\n'
-     'high = { distribution = "uniform", low = "15 Hz", high = "30 Hz" }', "must be below high (from 15 Hz"),
+     'high = { distribution = "uniform", low = "15 Hz", high = "30 Hz" }', "must be below high (at least 15 Hz"),
     ("[campaign]", '[base]\nfin = 2\n[campaign]', "fin 2 is one of an FMU"),
     ("[campaign]", '[base]\nfin = 0\n[campaign]', "base.fin = 0"),
     ('low = "-6 degC"', 'low = "50 degC"', "must be below high"),
     ('low = "-6 degC"', 'low = "-150 degC"', "must stay within -100 .. 200 degC"),
     ('low = "-6 degC"', 'low = "50 %"', "a percentage of a temperature has no meaning"),
-    ('follows = "motor.torque_constant"', 'follows = "motor.resistance"', "is not a number that varies"),
+    ('follows = "motor.torque_constant"', 'follows = "motor.resistance"', "is not a real number that varies"),
     ('kind = "constant"', 'kind = "konstant"', "did you mean constant"),
     ('kind = "step"', 'kind = "leap"', f"there is {', '.join(MOTIONS)}"),
     ('amplitude = "5 deg"', 'amplitude = "5 V"', "experiments.step.amplitude = 5 V"),
@@ -217,7 +217,7 @@ def test_what_is_of_another_kind_is_refused_or_used(write: Write, odd: str) -> N
 
 def test_a_combination_that_never_goes_is_refused(write: Write) -> None:
     text = SMALL + '[vary."fin.stop_angle"]\nlevels = ["10 deg"]\n'
-    with pytest.raises(CampaignError, match=r"at its median: fin\.stop_angle"):
+    with pytest.raises(CampaignError, match=r"at their medians: fin\.stop_angle"):
         load_study(write(text))
 
 

@@ -210,8 +210,8 @@ def test_what_is_wrong_with_records_is_reported(recorded: tuple[ParameterSet, li
     for columns, code, words in (
         ({"fin_angle": lambda x: -x}, 2, "its sign"),
         ({"fin_command": lambda x: -x}, 2, "its sign"),
-        ({"fin_angle": np.radians}, 2, "put the unit"),
-        ({"fin_command": lambda x: 0.0 * x}, 2, "a column of an input is missing"),
+        ({"fin_angle": np.radians}, 2, "write its unit"),
+        ({"fin_command": lambda x: 0.0 * x}, 2, "an input's column is missing"),
         ({"time": lambda t: t + 0.02 * (t > 0.3)}, 2, "not equally spaced"),
         ({"fin_angle": lambda x: np.where(np.arange(len(x)) == 9, np.nan, x)}, 2, "not a finite number"),
         ({"fin_angle": lambda x: np.clip(x, None, 2.0)}, 1, "is clipped at"),
@@ -236,16 +236,16 @@ def test_what_is_asked_wrongly_is_refused_first(recorded: tuple[ParameterSet, li
         ({"free": [natural], "priors": [f"{natural}=9e9+-1 rad/s"]}, "beyond the bounds"),
         ({"free": [natural], "compare": ["fin_angel"]}, "did you mean fin_angle"),
         ({"free": [natural], "compare": ["hinge_torque"]}, "has no column hinge_torque"),
-        ({"free": [natural], "hold_out": [path]}, "no other record is left to fit"),
+        ({"free": [natural], "hold_out": [path]}, "there is no other record to fit"),
         ({"free": [natural], "seed": -1}, "seed = -1"),
     ):
         with pytest.raises(EmcasError, match=words):
             api.calibrate([path], base, **arguments)
-    for name, words in (("encoder.enabled", "Boolean"), ("solver.max_tick", "when the model"),
-                        ("controller.sample_time", "when the model"), ("friction.temperature", "give bounds")):
+    for name, words in (("encoder.enabled", "Boolean"), ("solver.max_tick", "at which the model"),
+                        ("controller.sample_time", "at which the model"), ("friction.temperature", "give bounds")):
         with pytest.raises(EmcasError, match=words):
             api.calibrate([path], load_parameters(), [name])
-    with pytest.raises(EmcasError, match="no column of an input"):
+    with pytest.raises(EmcasError, match="no column for an input"):
         api.calibrate([write(path.parent / "bare.csv", {"time": (np.arange(30.0), "s"), "fin_angle": (np.arange(30.0),
                                                                                                       "deg")})],
                       base, [natural])

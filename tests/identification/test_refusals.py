@@ -71,7 +71,7 @@ def put(row: int, value: float) -> Callable[[Array], Array]:
 
 
 @pytest.mark.parametrize(("name", "edit", "expected"), [
-    (SWEEP, renamed("motor_current", "motor_curent [A]"), ["has no column motor_current", "is motor_curent meant?"]),
+    (SWEEP, renamed("motor_current", "motor_curent [A]"), ["has no column motor_current", "if motor_curent is meant"]),
     (SWEEP, renamed("temperature", "room [degC]"), ["has no column temperature"]),
     (SWEEP, renamed("motor_current", "motor_current [V]"), ["the unit V does not measure this quantity"]),
     (SWEEP, renamed("motor_current", "motor_current [kA]"),
@@ -88,13 +88,13 @@ def put(row: int, value: float) -> Callable[[Array], Array]:
     (SWEEP, column("temperature", lambda x: x + np.linspace(0.0, 9.0, len(x))), ["temperature drifts by"]),
     (SWEEP, rows(lambda n: slice(0, 12)), ["has 12 rows"]),
     ("drive_fast", renamed("motor_current", "motor_current [mA]"),
-     ["times what the base parameters say", "check the units"]),
+     ["times the gain in the base set", "check the units"]),
     ("drive_fast", column("drive_reference", lambda x: 0.0 * x + 1.0), ["drive_reference hardly moves"]),
     ("drive_fast", column("motor_current", lambda x: np.roll(x, len(x) // 2)[::-1]), ["does not follow"]),
     ("drive_fast", column("motor_current", rail(1.4)), ["motor_current is clipped"]),
     ("drive_slow", column("drive_reference", lambda x: 2.6 * x), ["drive_reference", "reference_limit"]),
     ("inertia_plus_1220mV", renamed("motor_current", "motor_current [mA]"),
-     ["inertia_plus_1220mV.csv", "torque and acceleration do not belong together", "read as mA"]),
+     ["inertia_plus_1220mV.csv", "torque and acceleration do not fit together", "read as mA"]),
     ("inertia_minus_1820mV", renamed("motor_angle", "motor_angle [rad]"),
      ["inertia_minus_1820mV.csv", "motor_angle reaches", "read as rad"]),
     ("inertia_plus_0810mV", column("motor_current", rail(4.0)), ["motor_current is clipped"]),
@@ -160,7 +160,7 @@ def test_drive_with_one_level_or_saturated_voltage(tmp_path: Path) -> None:
     for f in (fast, slow):
         header, table = load(f)
         store(tmp_path / f.name, (header, np.abs(table)))
-    assert "need at least 3, of both signs" in refusal("drive", tmp_path / fast.name, tmp_path / slow.name)
+    assert "need at least 3 levels, of both signs" in refusal("drive", tmp_path / fast.name, tmp_path / slow.name)
     quick, steps = load(fast)
     large = steps.copy()
     large[:, 1:] *= 5.0  # current still linear: what a drive with a higher supply would do

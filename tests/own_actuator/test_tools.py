@@ -142,7 +142,7 @@ def test_what_is_of_the_nonlinear_actuator_alone_says_so(tmp_path: Path) -> None
 
 
 def test_a_study_is_named_for_an_actuator_of_a_user() -> None:
-    with pytest.raises(EmcasError, match=r"name a study of this actuator's parameters .*: controller\.kp, controller"):
+    with pytest.raises(EmcasError, match=r"study for this actuator's parameters .*: controller\.kp, controller"):
         shipped_study(load_parameters(model=MODEL))
 
 
@@ -156,5 +156,5 @@ def test_pages_have_no_empty_tables(tmp_path: Path) -> None:
     study.write_text(studies.campaign("controller.kp"), encoding="utf-8")
     emcas("campaign", study, "--model", MODEL, "-o", tmp_path / "c", "--workers", "0", "--report", page)
     text = page.read_text(encoding="utf-8")
-    assert "<p>None: there are too few samples" in text
+    assert "<p>There are none: there are too few samples" in text
     assert "<td>none</td>" not in text

@@ -1,1 +1,1 @@
-"""Monte Carlo and grids over parameters, commands, loads and faults, on one machine or many."""
+"""Campaigns: random samples or grids of parameters, commands, loads and faults, run on one machine or many."""

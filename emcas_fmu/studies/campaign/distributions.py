@@ -1,4 +1,4 @@
-"""Distributions of factors: tables of a TOML file, as functions of numbers between 0 and 1."""
+"""Distributions of factors, read from tables of a TOML file, and their quantiles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ...parameters.schema import In, Quantity, Table, kind_of
 from ...simulation import Array
 
 Value = float | int | bool
-# Largest share of samples that may lie outside the limits of a parameter: these samples fail.
+# Largest probability that a sample is outside the limits of a parameter; such a sample fails.
 MOST_OUTSIDE = 1e-3
 _NUMBER = re.compile(r"\s*[+-]?(?:\d[\d_]*\.?[\d_]*|\.\d[\d_]*)(?:[eE][+-]?\d+)?")
 
@@ -37,7 +37,7 @@ _CONTINUOUS: Mapping[str, Callable[..., Any]] = {
     "truncated-normal": lambda mean, sd, low, high: stats.truncnorm((low - mean) / sd, (high - mean) / sd, mean, sd),
     "lognormal": _lognormal,
 }
-# The numbers of each kind; the default of a `mean` is the value of the base set.
+# Parameters of each kind of distribution; the default of `mean` is the value of the base set.
 KINDS: Mapping[str, tuple[str, ...]] = {
     **{kind: tuple(signature(make).parameters) for kind, make in _CONTINUOUS.items()}, "choice": ("levels", "weights")}
 
@@ -53,24 +53,23 @@ class CampaignError(EmcasError):
 
 @dataclass(frozen=True)
 class Distribution:
-    """A distribution in the unit of its entry: `numbers` by name; of a choice `levels`, with their cumulated shares."""
+    """A distribution in its entry's unit: `numbers` by name, or the `levels` of a choice with `cumulated` shares."""
 
     kind: str
     numbers: Mapping[str, float]
     levels: tuple[Value, ...] = ()
     cumulated: tuple[float, ...] = ()
 
-    def at(self, share: Array | float) -> Array:
-        """Return the quantiles for shares between 0 and 1, in their shape."""
+    def at(self, probability: Array | float) -> Array:
+        """Return the quantiles at probabilities between 0 and 1, in their shape."""
         if self.kind == "choice":
-            index = np.searchsorted(self.cumulated, share, side="right")
+            index = np.searchsorted(self.cumulated, probability, side="right")
             return np.asarray(self.levels, dtype=float)[np.minimum(index, len(self.levels) - 1)]
-        values: Array = np.asarray(_frozen(self.kind, *self.numbers.values()).ppf(share), dtype=float)
+        values: Array = np.asarray(_frozen(self.kind, *self.numbers.values()).ppf(probability), dtype=float)
         return values
 
     def limits(self, outside: float = 0.0) -> tuple[float, float]:
-        """Return the least and the largest value; for a distribution with tails, without a share `outside` at each end.
-        """
+        """Return the smallest and the largest value; tails are cut at a probability `outside` at either end."""
         if self.kind == "choice":
             return float(min(self.levels)), float(max(self.levels))
         if "low" in self.numbers:
@@ -80,7 +79,7 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Factor:
-    """A quantity that varies between samples, in `unit`; `type` is Real, Integer or Boolean."""
+    """A parameter or number that varies between samples, in `unit`; `type` is Real, Integer or Boolean."""
 
     name: str
     unit: str
@@ -88,19 +87,19 @@ class Factor:
     distribution: Distribution
 
     def value(self, drawn: Any) -> Any:
-        """Return a drawn number, or an array of them, in the factor's type."""
-        made = np.asarray(drawn).astype({"Boolean": bool, "Integer": np.int64, "Real": float}[self.type])
-        return made if made.ndim else made.item()
+        """Return a drawn number, or an array of drawn numbers, in the factor's type."""
+        typed = np.asarray(drawn).astype({"Boolean": bool, "Integer": np.int64, "Real": float}[self.type])
+        return typed if typed.ndim else typed.item()
 
 
 def _deviation(written: Any, info: ValidationInfo) -> float:
-    """Return a standard deviation in the entry's unit; it is written as a percentage of the mean or as a difference."""
+    """Return a standard deviation in the entry's unit; the file has a percentage of the mean, or a difference."""
     unit: Any = info.context
     text = str(written).strip()
     if text.endswith("%") and unit.unit == "degC":
-        raise ValueError("a percentage of a temperature says nothing; give a difference such as 5 K")
+        raise ValueError("a percentage of a temperature has no meaning; write a difference such as 5 K")
     deviation = float(replace(unit, base=abs(info.data.get("mean", 0.0))).number(written))
-    if unit.unit == "degC":  # a difference of 5 degC or 5 K: subtract the offset of the unit
+    if unit.unit == "degC":  # a difference of 5 degC or 5 K: subtract the unit's offset
         deviation -= float(unit.number(_NUMBER.sub("0", text, count=1)))
     return deviation
 
@@ -108,7 +107,7 @@ def _deviation(written: Any, info: ValidationInfo) -> float:
 def _mean(written: Any, info: ValidationInfo) -> float:
     unit: Any = info.context
     if written is None and unit.base is None:
-        raise ValueError("is missing")
+        raise ValueError("is missing; this number has no default")
     return float(unit.base if written is None else unit.number(written))
 
 
@@ -133,7 +132,7 @@ class _Evenly(Table):
 
 
 def distribution(written: Mapping[str, Any], unit: In) -> Distribution:
-    """Return the distribution that a table describes. Raises ValueError or ValidationError."""
+    """Return the distribution that a table describes, in `unit`. Raises ValueError or ValidationError."""
     if "count" in written and "distribution" not in written:
         even = _Evenly.model_validate(written, context=unit)
         width, unit_of = even.high - even.low, "" if unit.unit == "1" else f" {unit.unit}"
@@ -141,14 +140,14 @@ def distribution(written: Mapping[str, Any], unit: In) -> Distribution:
     kind = kind_of({"distribution": "choice", **written} if "levels" in written else written, KINDS, "distribution")
     if kind != "choice" and unit.type != "Real":
         raise ValueError(f"{'true and false have' if unit.type == 'Boolean' else 'a whole number has'} no such "
-                         "distribution; give levels = [...]")
+                         "distribution; write levels = [...]")
     table: Any = _TABLES[kind].model_validate(written, context=unit)
     return _checked(_choice(tuple(table.levels), table.weights) if kind == "choice" else
                     Distribution(kind, {key: getattr(table, key) for key in KINDS[kind]}), unit)
 
 
 def _checked(made: Distribution, unit: In) -> Distribution:
-    """Return a distribution if its numbers are sound and within the entry's limits, except for tails.
+    """Return a distribution if its numbers fit together, and it is within the entry's limits except for tails.
 
     Raises ValueError.
     """
@@ -158,7 +157,7 @@ def _checked(made: Distribution, unit: In) -> Distribution:
     if "mode" in n and not n["low"] <= n["mode"] <= n["high"]:
         raise ValueError(f"mode = {n['mode']:g} must be within {n['low']:g} .. {n['high']:g} {unit.unit}")
     if "sd" in n and not n["sd"] > 0.0:
-        raise ValueError(f"sd = {n['sd']:g} {unit.unit}: must be above 0 (a percentage is one of the mean)")
+        raise ValueError(f"sd = {n['sd']:g} {unit.unit}: must be above 0 (a percentage refers to the mean)")
     for kind, key in (("lognormal", "mean"), ("log-uniform", "low")):
         if made.kind == kind and not n[key] > 0.0:
             raise ValueError(f"{key} = {n[key]:g}: a {kind} needs a {key} above 0")
@@ -166,12 +165,12 @@ def _checked(made: Distribution, unit: In) -> Distribution:
         raise ValueError("low and high are too far from the mean for a normal distribution")
     low, high = made.limits()
     if "low" in n or made.kind == "choice":
-        share, remedy = float(low < unit.minimum or high > unit.maximum), ""
+        outside, remedy = float(low < unit.minimum or high > unit.maximum), ""
     else:  # with tails
         law = _frozen(made.kind, *n.values())
-        share = float(law.cdf(unit.minimum) + law.sf(unit.maximum))
-        remedy = f": {share:.2g} of the samples are not; truncate it (distribution = \"truncated-normal\")"
-    if share > MOST_OUTSIDE:
+        outside = float(law.cdf(unit.minimum) + law.sf(unit.maximum))
+        remedy = f": {outside:.2g} of the samples do not; use distribution = \"truncated-normal\""
+    if outside > MOST_OUTSIDE:
         raise ValueError(f"must stay {unit.limits}{remedy}")
     return made
 

@@ -1,6 +1,6 @@
-"""The experiments of a campaign: excitations of motions and of other inputs, and the bench's figures of each kind.
+"""The experiments of a campaign: the excitations (motion and other inputs), and the figures of each kind of motion.
 
-Figures are measured from the command on, in SI.
+Figures are in SI, and are measured from the start of the command.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ...bench.subject import Subject, left_out
 from ...motions import KINDS, STEP
 from ...simulation import Array
 
-REQUIREMENT = "requirement"  # reserved: the columns of requirements begin with it
+REQUIREMENT = "requirement"  # begins the names of the requirements' columns; no experiment may have this name
 SAME = ""  # the unit of the input itself
 PROFILES: Mapping[str, Mapping[str, str]] = {
     "constant": {"value": SAME},
@@ -33,14 +33,14 @@ PROFILES: Mapping[str, Mapping[str, str]] = {
     "spring": {"stiffness": "N.m/rad", "offset": SAME},
 }
 """Kinds of input profiles: their fields with units."""
-# Fields that may be left out: the input's start value is the default.
+# Optional fields; their default is the input's start value.
 OPTIONAL = ("before", "outside", "offset")
 POWER = "supply_power"
-# Power has more rows than other outputs: the drive has short transients after each sample of the controller.
+# Rows of power for each row of other outputs: the drive has short transients after each sample of the controller.
 POWER_ROWS = 5
 _PERIOD = "controller.sample_time"
 _ALL = "all"
-# Columns, with the bench's name of each figure and the kinds of motion that have it.
+# By column: the bench's name of the figure, and the kinds of motion that have it.
 _COLUMNS: Mapping[str, tuple[str, str]] = {
     **{name: (name, "jumps") for name in ("rise_time", "settling_time", "overshoot", "steady_error", "sustained_rate")},
     **{name: (name, "sweeps") for name in ("bandwidth_3db", "bandwidth_90deg", "peak_gain")},
@@ -56,7 +56,7 @@ _COLUMNS: Mapping[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Profile:
-    """One input over time; the numbers of its fields are named `prefix`, a dot and the field."""
+    """One input over time; the numbers of its fields have the names ``PREFIX.FIELD``."""
 
     variable: str
     kind: str
@@ -65,7 +65,7 @@ class Profile:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One run of each sample: a kind of motion, its `duration` [s] after the command, profiles of other inputs."""
+    """A run of every sample: a kind of motion, its `duration` [s] from the command, and profiles of other inputs."""
 
     name: str
     kind: str
@@ -74,15 +74,15 @@ class Experiment:
 
     @property
     def prefix(self) -> str:
-        """What the names of the motion's numbers begin with."""
+        """The beginning of the names of the motion's numbers."""
         return f"experiments.{self.name}"
 
 
 def excitation(experiment: Experiment, values: Mapping[str, Any], numbers: Mapping[str, Any], model: str) -> Excitation:
-    """Return the excitation of an experiment; the times of profiles count from the command.
+    """Return the excitation of an experiment; the times of profiles begin at the command.
 
-    `values` are the parameters of the `model` (flat, SI), `numbers` those of motions and profiles by name. Those that
-    differ between samples are arrays [samples]. Raises ValueError for numbers that contradict each other.
+    `values` are the parameters of the `model` (flat, SI), `numbers` those of motions and profiles (SI) by name. Values
+    that differ between samples are arrays [samples]. Raises ValueError for numbers that contradict each other.
     """
     number = _finder(numbers, experiment.prefix, 0.0)
     amplitude, *shape = (number(field) for field in ("amplitude", *KINDS[experiment.kind].shape))
@@ -123,7 +123,7 @@ def _of_unit_amplitude(kind: str, duration: float, *shape: float) -> Excitation:
 
 
 def _from(time: Array, instant: Any) -> Any:
-    """Return whether rows are at an instant or later; a row that is early by a rounding error counts as on it."""
+    """Return whether each row is at an `instant` [s] or later; a row that is early by a rounding error counts."""
     return time > instant - STEP / 2
 
 
@@ -139,7 +139,7 @@ _SHAPES: Mapping[str, Callable[[Array, Number], Any]] = {
     "constant": lambda time, number: number("value"),
     "step": lambda time, number: np.where(_from(time, number("at")), number("after"), number("before")),
     "window": _window,
-    # Row by row: with vectors, numpy's sine of a sample could depend on the samples beside it.
+    # Row by row: NumPy's vectorised sine of a sample could depend on the samples beside it.
     "sine": lambda time, number: number("offset") + number("amplitude") * np.apply_along_axis(
         np.sin, -1, 2.0 * pi * number("frequency") * np.maximum(time, 0.0)),
 }
@@ -147,7 +147,7 @@ _SHAPES: Mapping[str, Callable[[Array, Number], Any]] = {
 
 @cache
 def figures(kind: str, model: str) -> Mapping[str, Figure]:
-    """Return the figures of a kind of experiment by column name, as far as the actuator has the outputs they need."""
+    """Return the figures of a kind of experiment for which the actuator has the outputs, by column name."""
     outputs, of_kind = {v.name for v in get(model).outputs}, KINDS[kind]
     groups = {_ALL, "jumps" if of_kind.jumps else "does not jump", *(["sweeps"] if of_kind.sweeps else [])}
     return {name: FIGURES[figure] for name, (figure, group) in _COLUMNS.items()
@@ -155,29 +155,29 @@ def figures(kind: str, model: str) -> Mapping[str, Figure]:
 
 
 def lacking(model: str) -> dict[str, list[str]]:
-    """Return the figures that an actuator does not have, by the reason."""
+    """Return the columns that an actuator does not have, by reason."""
     return left_out({name: FIGURES[figure] for name, (figure, _) in _COLUMNS.items()},
                     [v.name for v in get(model).outputs])
 
 
 def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps: Sequence[Array]) -> dict[str, Any]:
-    """Return the figures of finished runs by the bench's names; nan for a level that is never reached.
+    """Return the figures [runs] of finished runs by the bench's names; nan for a level that is never reached.
 
-    The column POWER has POWER_ROWS values in each row, and jumps at the times `leaps` [s] after the command, one array
-    for all runs or one for each. Raises ValueError if a step has no height.
+    The column POWER has POWER_ROWS values for each row. It jumps at the times `leaps` [s] after the command: one array
+    for all runs, or one for each. Raises ValueError for a step without height.
     """
     columns = {name: column for name, column in run.columns.items() if name != POWER}
     rows = replace(run, columns=columns)
-    begun = int(np.argmax(run.excitation.judged(columns["time"])))
+    begin = int(np.argmax(run.excitation.judged(columns["time"])))
     measures = usage(rows)
     if POWER in run.columns:
-        power = run.columns[POWER][..., begun * POWER_ROWS:]
+        power = run.columns[POWER][..., begin * POWER_ROWS:]
         weights = [leap_weights(power.shape[-1], run.excitation.step / POWER_ROWS, each) for each in leaps]
         measures |= leaping_power(power, weights[0] if len(weights) == 1 else np.stack(weights))
     if KINDS[experiment.kind].jumps:
         command = run.excitation.command
-        if np.any((command[..., -1] == command[..., 0]) | (command[..., -1] == columns["fin_angle"][..., begun])):
-            raise ValueError("the step has no height: the command stays where it is")
+        if np.any((command[..., -1] == command[..., 0]) | (command[..., -1] == columns["fin_angle"][..., begin])):
+            raise ValueError("the step has no height: the command is the initial command or the fin's initial angle")
         measures |= moved(rows)
         measures["steady_error"] = np.abs(measures["steady_error"])
     if KINDS[experiment.kind].sweeps:
@@ -189,7 +189,7 @@ def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps
 
 
 def _bandwidths(measures: dict[str, float]) -> dict[str, float]:
-    """Return the figures of a sweep: bandwidths beyond it are infinite, and 0 if the gain is below -3 dB throughout."""
+    """Return the figures of a sweep; bandwidths beyond it are infinite, or 0 if the gain is always below -3 dB."""
     follows = measures["peak_gain"] >= -3.0
     beyond = inf if follows else 0.0
     gain, phase = measures["bandwidth_3db"], measures["bandwidth_90deg"]
@@ -198,15 +198,15 @@ def _bandwidths(measures: dict[str, float]) -> dict[str, float]:
 
 
 def named(experiment: Experiment, model: str, measures: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the figures of an experiment by column name."""
+    """Return the measured figures of an experiment by column name."""
     return {f"{experiment.name}.{name}": measures[_COLUMNS[name][0]] for name in figures(experiment.kind, model)}
 
 
 def leaps(subject: Subject, changes: Mapping[str, Any], run: Run) -> list[Array]:
-    """Return the times [s] after the command at which the drive receives a new reference, a delay after each sample.
+    """Return the times [s] after the command at which a new reference reaches the drive, its delay after each sample.
 
-    One array if the times are the same in all runs, otherwise one for each. Empty if samples are too frequent for the
-    rows.
+    The list has one array if the times are the same in all runs, otherwise one for each run. An array is empty if the
+    sample time is too short for the rows.
     """
     period, delay = changes.get(_PERIOD, subject.values[_PERIOD]), subject.transport_delay(changes)
     periods, delays = np.broadcast_arrays(np.atleast_1d(period), delay)

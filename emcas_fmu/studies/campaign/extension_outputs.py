@@ -1,7 +1,7 @@
-"""Outputs that extensions add, as entries of a row from the command on, and counts over the samples of a campaign.
+"""Outputs that extensions add: their entries in a row, measured from the command, and counts over samples.
 
 Numbers become figures, like those of :mod:`emcas_fmu.bench.metrics`. States, flags and words of bits have no meaningful
-mean; they are observed: the last value, and for a word all bits that were ever set.
+mean. They are observed: an entry is the last value, and another for a word all bits that were ever set.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ NONE, SEVERAL = "no fault", "several faults"
 
 
 class Reduction(NamedTuple):
-    """How the column of an output becomes an entry of a row; `figure` is None for one that is only observed."""
+    """How the column of an output becomes an entry of a row; `figure` is None for an entry that is only observed."""
 
     output: Variable
     figure: Figure | None
     value: Callable[[Array, Array], Any]
-    """Function of the columns of runs [runs, rows] and their times [s]; returns a value for each run."""
+    """Function of columns [runs, rows] and times [s] from the command; returns a value for each run."""
 
 
 @cache
@@ -73,33 +73,33 @@ def _first(column: Array, time: Array) -> Array:
 
 
 def reduced(experiment: Experiment, model: str, run: Run) -> dict[str, Array]:
-    """Return figures and observations of finished runs by column name."""
+    """Return figures and observations [runs] of finished runs by column name."""
     at = dict(zip(run.columns, since(run.excitation.begin, *run.columns.values()), strict=True))
     return {f"{experiment.name}.{name}": reduction.value(at[reduction.output.name], at["time"] - run.excitation.begin)
             for name, reduction in reductions(model).items()}
 
 
 def in_words(output: Variable, value: Any) -> str:
-    """Return an observed value as text, for a word with the names of the bits that are set."""
+    """Return an observed value as text; that of a word has the names of the bits that are set."""
     if output.bits and value:
         return f"{value} ({', '.join(output.flags(value))})"
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def observed(study: Study) -> dict[str, Variable]:
-    """Return the outputs that are observed, not reduced to figures, by column name."""
+    """Return the outputs that are observed instead of reduced to figures, by column name."""
     return {f"{experiment.name}.{name}": r.output for experiment in study.experiments
             for name, r in reductions(study.model).items() if r.figure is None}
 
 
 @dataclass(frozen=True)
 class Finding:
-    """The samples of an experiment with one fault, by its name, with none, or with several.
+    """The samples of an experiment with one `fault`, with NONE or with SEVERAL.
 
-    `found` is the number of samples in which a monitor tripped after the fault began; without a fault, in which any
-    tripped. In `before` samples one had tripped earlier. `monitors` counts the trips of each monitor at any time.
-    `delay` [s] from the beginning of the fault is the median of the detected samples, `longest` the largest; nan if
-    there are none.
+    `found` is the number of samples in which a monitor first tripped after the fault began; with NONE, the number in
+    which a monitor tripped. In `before` samples a monitor tripped before the fault began. `monitors` is the number of
+    samples in which each monitor tripped. `delay` [s] is the median time from the beginning of the fault to the first
+    trip over the `found` samples, `longest` [s] the largest; both are nan if there is no such sample.
     """
 
     experiment: str
@@ -113,8 +113,7 @@ class Finding:
 
 
 def tallies(study: Study, table: Any) -> dict[str, dict[str, int]]:
-    """Return, for every observed column, how many samples have each value or each bit of a word; most frequent first.
-    """
+    """Return for every observed column the number of samples with each value, or each bit of a word; largest first."""
     return {name: dict(Counter(
         word for value in table[name].to_pylist()
         for word in ((output.flags(value) or ("none",)) if output.bits else (in_words(output, value),))).most_common())
@@ -122,20 +121,19 @@ def tallies(study: Study, table: Any) -> dict[str, dict[str, int]]:
 
 
 def findings(study: Study, table: Any) -> Iterator[Finding]:
-    """Yield the findings of each experiment, for each fault that was injected alone; none if the model has no faults.
-    """
+    """Yield the findings of each experiment for NONE, each fault alone and SEVERAL; none if the model has no faults."""
     words = {v.name: v for v in study.actuator.outputs if v.name in (FAULT_WORD, BUILT_IN_TEST.name)}
     for experiment in (e.name for e in study.experiments if len(words) == 2):
         injected, tripped = ([word.flags(value) for value in table[f"{experiment}.{word.name}_ever"].to_pylist()]
                              for word in (words[FAULT_WORD], BUILT_IN_TEST))
         begin, first = (table[f"{experiment}.{name}_first"].to_numpy() for name in (FAULT_WORD, BUILT_IN_TEST.name))
-        groups = [NONE if not those else those[0] if len(those) == 1 else SEVERAL for those in injected]
+        groups = [NONE if not faults else faults[0] if len(faults) == 1 else SEVERAL for faults in injected]
         for fault in (each for each in (NONE, *words[FAULT_WORD].bits, SEVERAL) if each in groups):
             rows = [i for i, group in enumerate(groups) if group == fault]
             delays = first[rows] - begin[rows]
-            late = delays[delays >= 0.0].tolist()
+            detected = delays[delays >= 0.0].tolist()
             counts = Counter(name for i in rows for name in tripped[i])
             yield Finding(
-                experiment, fault, len(rows), sum(bool(tripped[i]) for i in rows) if fault == NONE else len(late),
+                experiment, fault, len(rows), sum(bool(tripped[i]) for i in rows) if fault == NONE else len(detected),
                 int(np.sum(delays < 0.0)), {monitor.name: counts[monitor.name] for monitor in possible(study.actuator)},
-                float(np.median(late)) if late else nan, max(late, default=nan))
+                float(np.median(detected)) if detected else nan, max(detected, default=nan))

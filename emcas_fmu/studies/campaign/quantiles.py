@@ -1,4 +1,4 @@
-"""Quantiles of samples, and the chance that a requirement is met, with its confidence interval."""
+"""Percentiles of samples, and the probability that a requirement is met, with its confidence interval."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
 CONFIDENCE = 0.95
 
 
-def percentiles(values: Array, shares: Iterable[int]) -> dict[int, float]:
-    """Return the samples at percentages of the sorted values: between a number and infinity nothing is interpolated."""
-    shares = list(shares)
-    return dict(zip(shares, np.percentile(values, shares, method="inverted_cdf").tolist(), strict=True))
+def percentiles(values: Array, percentages: Iterable[int]) -> dict[int, float]:
+    """Return percentiles by percentage; each is a sample, since interpolation with an infinite value is impossible."""
+    percentages = list(percentages)
+    return dict(zip(percentages, np.percentile(values, percentages, method="inverted_cdf").tolist(), strict=True))
 
 
 @dataclass(frozen=True)
 class Chance:
-    """The number of `samples` that meet a requirement, or all of them (None); failed samples do not."""
+    """The number of samples that meet a requirement (None: all requirements); a failed sample does not."""
 
     requirement: Requirement | None
     met: int
@@ -32,12 +32,12 @@ class Chance:
 
     @property
     def share(self) -> float:
-        """Share of the samples that meet it."""
+        """Share of the samples that meet the requirement."""
         return self.met / self.samples
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Two-sided interval of the probability of Clopper and Pearson (1934)."""
+        """Two-sided confidence interval of the probability (Clopper and Pearson, 1934)."""
         low, high = stats.binomtest(self.met, self.samples).proportion_ci(CONFIDENCE, method="exact")
         return float(low), float(high)
 
@@ -50,7 +50,7 @@ class Chance:
         return f"{_percent(self.share, round)} ({_percent(low, floor)} … {_percent(high, ceil)})"
 
 
-def _percent(share: float, to: Callable[[float], int]) -> str:
+def _percent(share: float, to_integer: Callable[[float], int]) -> str:
     """Return a share in %, with two digits of its distance to 0 or 100 % and at least one decimal."""
     digits = max(1, 2 - ceil(log10(100.0 * min(share, 1.0 - share) or 1.0)))
-    return f"{to(share * 100.0 * 10.0**digits) / 10.0**digits:.{digits}f} %"
+    return f"{to_integer(share * 100.0 * 10.0**digits) / 10.0**digits:.{digits}f} %"

@@ -26,16 +26,16 @@ from .quantiles import PERCENTILES
 from .sample import history
 from .summary import Spread, Summary, text
 
-_SHOWN = 5, 50, 95  # percentiles on the terminal
+_SHOWN = 5, 50, 95  # percentiles in the terminal's tables
 _COLUMNS = 3
 _MOST_FACTORS = 12
 _BINS = 40
-_MOST_WORST = 6  # samples in a picture
+_MOST_WORST = 6  # most samples in a picture
 _MOST_LEVELS = 8
 
 
 def drawings(summary: Summary) -> Iterator[Drawing]:
-    """Yield the pictures of each experiment."""
+    """Yield the pictures of each experiment: histograms, rank correlations and worst samples."""
     for experiment in summary.study.experiments:
         if spreads := [s for s in summary.spreads_of(experiment.name) if isfinite(s.mean) and s.varies]:
             yield histograms(experiment.name, spreads)
@@ -46,7 +46,7 @@ def drawings(summary: Summary) -> Iterator[Drawing]:
 
 def histograms(name: str, spreads: Sequence[Spread]) -> Drawing:
     """Plot histograms of the figures of an experiment."""
-    drawn, grid = plots.panels(len(spreads), _COLUMNS, width=10.0, height=1.9)
+    plot, grid = plots.panels(len(spreads), _COLUMNS, width=10.0, height=1.9)
     for axes, s in zip(grid, spreads, strict=True):
         unit, scale = shown(s.figure.unit)
         axes.hist(s.values * scale, bins=min(_BINS, max(5, int(np.sqrt(len(s.values))))), color=BLUE)
@@ -56,19 +56,19 @@ def histograms(name: str, spreads: Sequence[Spread]) -> Drawing:
         without = f" ({s.without} without)" if s.without else ""
         axes.set(title=f"{s.name.partition('.')[2]}{without}", xlabel=unit)
         axes.grid(axis="x", visible=False)
-    return Drawing(f"Experiment {name}: spread", drawn,
-                   "Number of samples; the lines are the median and, dashed, 5 and 95 %.")
+    return Drawing(f"Experiment {name}: spread", plot,
+                   "Number of samples; the lines are the median and, dashed, the 5 and 95 % percentiles.")
 
 
 def dependence(name: str, spreads: Sequence[Spread]) -> Drawing:
-    """Plot the rank correlations of the figures of an experiment with the factors, as bars with their intervals."""
+    """Plot rank correlations between the figures of an experiment and the factors, as bars with intervals."""
     strongest: dict[str, float] = {}
     for s in spreads:
         for e in s.effects:
             strongest[e.factor] = max(strongest.get(e.factor, 0.0), abs(e.rank_correlation))
     factors = sorted(strongest, key=lambda f: -strongest[f])[:_MOST_FACTORS]
     height = 0.75 + 0.2 * len(factors)  # of a row, in inches
-    drawn, grid = plots.panels(len(spreads), _COLUMNS, width=10.0, height=height, sharex=True, sharey=True)
+    plot, grid = plots.panels(len(spreads), _COLUMNS, width=10.0, height=height, sharex=True, sharey=True)
     for axes, s in zip(grid, spreads, strict=True):
         effects = {e.factor: e for e in s.effects}
         for position, effect in enumerate(map(effects.get, factors)):
@@ -81,20 +81,20 @@ def dependence(name: str, spreads: Sequence[Spread]) -> Drawing:
         axes.grid(axis="y", visible=False)
     grid[0].invert_yaxis()
     return Drawing(
-        f"Experiment {name}: what it depends on", drawn,
-        "Spearman's rank correlation with each factor; the line is its 95 % interval, grey where that holds zero. Of "
-        "the factors without any effect, one in twenty is coloured by chance.")
+        f"Experiment {name}: effects of the factors", plot,
+        "Spearman's rank correlation with each factor; the line is its 95 % interval. A bar is grey if the interval "
+        "contains zero. Of the factors without an effect, one in twenty is coloured by chance.")
 
 
 def worst(summary: Summary, experiment: Experiment, spreads: Sequence[Spread]) -> Drawing:
-    """Plot over each other, run again, the samples that are the worst in a figure."""
+    """Run the samples that are worst in a figure again, and plot their responses together."""
     by_sample: dict[int, list[str]] = {}
     for s in spreads:
         by_sample.setdefault(s.worst[0][0], []).append(s.name.partition(".")[2])
     ranked = sorted(by_sample.items(), key=lambda item: -len(item[1]))[:_MOST_WORST]
     responses = [history(summary.study, experiment, index) for index, _ in ranked]
     label, unit_of_time = plots.time_axis(max(each.time[-1] for each in responses))
-    drawn, (angle, error) = plots.column("fin angle [deg]", "tracking error [deg]", x=f"{label} from the command",
+    plot, (angle, error) = plots.column("fin angle [deg]", "tracking error [deg]", x=f"{label} from the command",
                                          width=10.0, height=2.4)
     for k, ((index, names), response) in enumerate(zip(ranked, responses, strict=True)):
         time = (response.time - response.excitation.begin) * unit_of_time
@@ -104,12 +104,12 @@ def worst(summary: Summary, experiment: Experiment, spreads: Sequence[Spread]) -
         angle.plot(time, response.in_unit("fin_angle", "deg"), **look)
         error.plot(time, response.in_unit("tracking_error", "deg"), **look)
     plots.legend_above(angle, 1)
-    return Drawing(f"Experiment {experiment.name}: worst samples", drawn,
-                   "The samples that are the worst of all by the figures named; the command (dashed) is the first's.")
+    return Drawing(f"Experiment {experiment.name}: worst samples", plot,
+                   "Each sample is the worst in the figures of its label; the command (dashed) is that of the first.")
 
 
 def described(factor: Factor) -> tuple[str, str]:
-    """Return a factor's distribution in one line, and the unit of its numbers; angles are in degrees."""
+    """Return a factor's distribution as one line, and the unit of its numbers; angles are in degrees."""
     unit, scale = shown(factor.unit) if factor.unit.startswith("rad") else (factor.unit, 1.0)
     kind, numbers, levels = factor.distribution.kind, factor.distribution.numbers, factor.distribution.levels
     if kind != "choice":
@@ -125,7 +125,7 @@ def seconds(value: float) -> str:
 
 
 def write_report(summary: Summary, path: Path, command: str) -> None:
-    """Write the page, which names the `command` that runs the campaign; the same rows give the same bytes."""
+    """Write the page of a summary, with the `command` that runs the campaign; the same rows give the same bytes."""
     study = summary.study
     source = Source(f"FMU with SHA-256 {study.fmu_sha256}, campaign" if study.fmu else "campaign", study.path.name, "",
                     parameters_hash(study.base), study.actuator.name)
@@ -148,14 +148,14 @@ def tables(summary: Summary) -> Iterator[Table]:
         yield _requirements(summary)
     if found := summary.findings:
         several = len({f.experiment for f in found}) > 1
-        yield table(["fault, alone", "samples", "detected", "after", "before", "by"], (
+        yield table(["single fault", "samples", "detected", "median delay", "tripped before", "monitors"], (
             [f"{f.experiment}: {f.fault}" if several else f.fault, str(f.samples), str(f.found), seconds(f.delay),
              str(f.before), ", ".join(f"{name} {n}" for name, n in f.monitors.items() if n)] for f in found),
-            "Faults, and what the built-in test detected", whole=[0])
+            "Faults, and their detection by the built-in test", whole=[0])
 
 
 def _requirements(summary: Summary) -> Table:
-    """Return the samples that meet each requirement, with the median and the worst percentile of its figure."""
+    """Return a table: the samples that meet each requirement, with the median and a bad percentile of its figure."""
     low, median, high = _SHOWN
     *each, together = summary.chances
     rows: list[Sequence[str | Text] | None] = []

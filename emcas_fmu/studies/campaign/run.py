@@ -1,7 +1,6 @@
-"""Run the samples of a campaign: in this process, or by Dask on this machine or others.
+"""Run the samples of a campaign: in this process, or with Dask on this machine or others.
 
-Workers are processes, since the estimates of sweeps are mostly Python's work, for which threads would wait for each
-other.
+Workers are processes: the estimates of sweeps are mostly computed in Python, where threads would wait for each other.
 """
 
 from __future__ import annotations
@@ -29,15 +28,16 @@ from .experiments import POWER_ROWS
 from .sample import Rows, failed, rows
 from .study import Study
 
-# Simulated time of a task by default: tenths of a second of work with the kernel, seconds with an FMU. That is long
-# beside the milliseconds of overhead, and short enough to be lost if a worker is killed.
-SIMULATED, BY_FMU = 1000.0, 20.0  # s
-# Deaths of workers that a task may cause. Dask's default of 3 costs more restarts for a sample that kills every
-# worker; 0 would give up a task whose worker was killed from outside.
+# Simulated time of a task by default [s], with the kernel and with an FMU: tenths of a second of work, and seconds. It
+# is long compared with the overhead of milliseconds, and short enough to be lost if a worker is killed.
+SIMULATED, BY_FMU = 1000.0, 20.0
+# Deaths of workers after which a task is still repeated. Dask's default of 3 costs more restarts for a sample that
+# kills every worker; 0 would abandon a task whose worker was killed from outside.
 ALLOWED_DEATHS = 1
-_AHEAD = 3  # tasks submitted for each thread, so that none waits for the client
-# Run by workers as they start. A terminal sends Ctrl-C to every process; only this one handles it, and ends the others.
+_AHEAD = 3  # tasks submitted per thread, so that no thread waits for the client
+# Workers run this first. A terminal sends Ctrl-C to every process; only the client handles it, and ends the workers.
 _UNINTERRUPTED = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+<<<<<<< HEAD
 _CONNECT = 20.0  # s, to reach a scheduler
 _WORKERS = 120.0  # s, to the first worker
 # Without any worker on this machine, after which a run ends. A restart needs 3 s, and tens on a busy machine.
@@ -45,6 +45,10 @@ _RESTARTED = 300.0  # s
 # Dask gives a worker up for good if it does not run at one instant, by default 15 s after it died: also if it restarts
 # slowly, or has died again since. Without workers the run would wait for ever.
 _NEVER = "365 days"
+=======
+_CONNECT = 20.0  # s, longest wait for a scheduler
+_WORKERS = 120.0  # s, longest wait for the first worker
+>>>>>>> 1ba88d09 (Prose of tuning, campaigns, identification and starter files)
 
 Work = Callable[[Study, Sequence[int], Array], Rows]
 Keep = Callable[[Rows], object]
@@ -56,7 +60,7 @@ def _distributed() -> Any:
 
 
 def _prepared(study: Study, missing: Indices, chunk: int | None, threads: int) -> Iterator[Indices]:
-    """Compile the kernel if that pays, also for workers on this machine; return the indices in chunks, in order."""
+    """Compile the kernel if that saves time, also for workers on this machine; return chunks of indices, in order."""
     if not study.fmu:
         library.compile_for(study.model, len(missing) * study.duration / STEP * POWER_ROWS)
     size = chunk or chunk_size(study, len(missing), threads)
@@ -64,35 +68,35 @@ def _prepared(study: Study, missing: Indices, chunk: int | None, threads: int) -
 
 
 def chunk_size(study: Study, count: int, threads: int) -> int:
-    """Return the number of samples in a task: eight tasks or more for a thread, so that all end at about one time."""
+    """Return the number of samples in a task: with eight or more tasks per thread, threads end at about one time."""
     most = int((BY_FMU if study.fmu else SIMULATED) / study.duration)
     return max(1, min(most, count // (8 * threads)))
 
 
 def in_process(study: Study, missing: Indices, keep: Keep, chunk: int | None = None) -> None:
-    """Run samples in this process, without Dask; pass the rows of each chunk to `keep`."""
+    """Run the samples `missing` (indices) in this process, without Dask; pass the rows of each chunk to `keep`."""
     for indices in _prepared(study, missing, chunk, 1):
         keep(rows(study, indices.tolist(), study.draw(indices.tolist())))
 
 
 @contextmanager
 def local_client(workers: int, model: str = NONLINEAR) -> Iterator[Any]:
-    """A Dask client with worker processes on this machine, for a campaign of a model. Raises CampaignError."""
+    """Yield a Dask client with `workers` processes on this machine, for campaigns of a model. Raises CampaignError."""
     import dask
 
-    distributed = _distributed()  # which sets Dask's defaults
+    distributed = _distributed()  # its import sets Dask's defaults
     library.available(model)  # compiles once, not in every worker
-    # Restarted workers show in the rows, not in log lines that break the progress bar.
+    # The rows tell of dead workers; log lines would break the progress bar.
     with dask.config.set({"distributed.scheduler.allowed-failures": ALLOWED_DEATHS,
                           "distributed.deploy.lost-worker-timeout": _NEVER,
                           "distributed.scheduler.no-workers-timeout": _RESTARTED,
                           "distributed.admin.tick.limit": "1h"}):
-        try:  # at any free port, on this machine only, so that two campaigns may run at a time
+        try:  # at any free port of this machine: two campaigns may run at a time
             client = distributed.Client(
                 n_workers=workers, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0",
                 silence_logs=logging.CRITICAL, preload=[_UNINTERRUPTED])
         except RuntimeError as error:
-            raise CampaignError(f"worker processes could not be started ({error}); --workers 0 runs in this "
+            raise CampaignError(f"worker processes could not be started ({error}); use --workers 0, which runs in this "
                                 "process") from error
         with client:
             yield client
@@ -100,12 +104,12 @@ def local_client(workers: int, model: str = NONLINEAR) -> Iterator[Any]:
 
 @contextmanager
 def remote_client(address: str) -> Iterator[Any]:
-    """A client of a running scheduler. Raises CampaignError if the scheduler or its workers cannot be used."""
+    """Yield a client of a running scheduler. Raises CampaignError if the scheduler or its workers cannot be used."""
     distributed = _distributed()
-    # A lost connection is a CampaignError: Dask's messages and tracebacks are not needed.
+    # A lost connection is reported as a CampaignError, without Dask's messages and tracebacks.
     with distributed.utils.silence_logging_cmgr(logging.CRITICAL + 1):
         try:
-            # First, since a client tries for ever if something else answers.
+            # First, since a client tries forever if another program answers.
             kind = asyncio.run(asyncio.wait_for(_kind(address), _CONNECT))
             if kind != "Scheduler":
                 raise ValueError(f"a {kind} answers")
@@ -115,7 +119,7 @@ def remote_client(address: str) -> Iterator[Any]:
             reason = f"within {_CONNECT:g} s" if isinstance(error, (TimeoutError, asyncio.TimeoutError)) else str(error)
             raise CampaignError(
                 f"--scheduler {address}: no scheduler answers there ({reason or type(error).__name__}); start one with "
-                "`dask scheduler`, and give its address such as tcp://host:8786, which is not that of its dashboard, "
+                "`dask scheduler`, and give its address, such as tcp://host:8786, not that of its dashboard, "
                 "http://host:8787") from error
         with client:
             _ready(client, address)
@@ -131,20 +135,20 @@ async def _kind(address: str) -> str:
 
 
 def _ready(client: Any, address: str) -> None:
-    """Wait for workers. Raises CampaignError if none comes, or one does not have this version of the package."""
+    """Wait for workers. Raises CampaignError if none appears, or one has another version of the package or none."""
     try:
         client.wait_for_workers(1, timeout=_WORKERS)
     except TimeoutError as error:
-        raise CampaignError(f"--scheduler {address}: has no worker; start some with `dask worker {address}`") from error
+        raise CampaignError(f"--scheduler {address}: has no worker; start one with `dask worker {address}`") from error
     try:
         versions = client.run(_version)
     except ModuleNotFoundError as error:
-        raise CampaignError(f"--scheduler {address}: a worker has no emcas ({error}); install emcas-fmu "
-                            f"{__version__} where it runs") from error
+        raise CampaignError(f"--scheduler {address}: a worker lacks the package ({error}); install emcas-fmu "
+                            f"{__version__} on its machine") from error
     for worker, version in versions.items():
         if version != __version__:
             raise CampaignError(f"--scheduler {address}: worker {worker} has emcas {version}, not {__version__}; "
-                                "install the same")
+                                "install the same version")
 
 
 def _version() -> str:
@@ -153,30 +157,40 @@ def _version() -> str:
 
 def by_dask(client: Any, study: Study, missing: Indices, keep: Keep, chunk: int | None = None,
             work: Work = rows) -> None:
-    """Run samples on a client's workers; pass rows to `keep` as they come, in any order.
+    """Run the samples `missing` (indices) on a client's workers; pass rows to `keep` in the order of completion.
 
+<<<<<<< HEAD
     The samples of a task whose workers died are run again one at a time, alone; one that kills its workers again is
     recorded as failed. Raises CampaignError if the scheduler is lost, or no worker on this machine restarts.
+=======
+    Samples of a task whose workers died are run again, one at a time; a sample that kills its workers again is recorded
+    as failed. `work` computes the rows of a task. Raises CampaignError if the connection to the scheduler is lost, and
+    KeyboardInterrupt at Ctrl-C.
+>>>>>>> 1ba88d09 (Prose of tuning, campaigns, identification and starter files)
     """
     threads = max(sum(client.ncores().values()), 1)
 
     def submit(indices: Indices) -> Any:
         return client.submit(work, study, indices.tolist(), study.draw(indices.tolist()), pure=False)
 
-    suspects = _run(submit, _prepared(study, missing, chunk, threads), keep, _AHEAD * threads)
-    for index in _run(submit, iter(suspects[:, np.newaxis]), keep, 1).tolist():
+    suspect = _run(submit, _prepared(study, missing, chunk, threads), keep, _AHEAD * threads)
+    for index in _run(submit, iter(suspect[:, np.newaxis]), keep, 1).tolist():
         keep(failed(study, [index], study.draw([index]), ["every worker that ran it died (out of memory, or a crash)"]))
 
 
 @contextmanager
 def _connected() -> Iterator[None]:
+<<<<<<< HEAD
     """Raise what a client raises without its scheduler, or without workers, as CampaignError."""
+=======
+    """Raise CampaignError in place of the errors of a client whose scheduler is gone."""
+>>>>>>> 1ba88d09 (Prose of tuning, campaigns, identification and starter files)
     distributed = _distributed()
     closed = getattr(distributed.client, "ClosedClientError", TimeoutError)  # not in older versions
     try:
         yield
     except (distributed.CancelledError, distributed.comm.CommClosedError, TimeoutError, closed) as error:
-        raise CampaignError(f"the scheduler was lost ({type(error).__name__}); finished samples are kept: the same "
+        raise CampaignError(f"the scheduler was lost ({type(error).__name__}); finished samples are kept, and the same "
                             "command continues") from error
     except distributed.scheduler.NoWorkerError as error:
         raise CampaignError(f"no worker has run for {error.timeout:g} s: they died and could not be restarted (memory "
@@ -184,7 +198,7 @@ def _connected() -> Iterator[None]:
 
 
 def _run(submit: Callable[[Indices], Any], chunks: Iterator[Indices], keep: Keep, ahead: int) -> Indices:
-    """Run chunks of samples, `ahead` tasks at a time; return the samples of tasks whose workers died."""
+    """Run chunks of samples, `ahead` tasks at a time; return the sorted indices in tasks whose workers died."""
     running: dict[str, Indices] = {}
     dead = [np.empty(0, dtype=np.int64)]
     done: SimpleQueue[Any] = SimpleQueue()

@@ -1,7 +1,7 @@
-"""Compute the rows of samples: figures and observations, or why there are none.
+"""Compute the rows of samples: figures and observations, or the error.
 
-Samples are simulated together. Rows are kept as columns, an array or list with an entry for each sample. A row does not
-depend on the samples with which it is computed.
+Samples are simulated together. Rows are stored as columns, each an array or list with an entry for every sample. A row
+does not depend on the other samples that are simulated with it.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from .study import Study, source_sha256
 OK, FAILED = "ok", "failed"
 Rows = dict[str, Any]
 """Columns by name, in the order of a row's entries."""
-# Simulated time of the responses in memory at a time [s], some 4 MB that stay in a processor's cache; least number of
-# samples at a time, for vectors.
+# Simulated time [s] of the samples that are simulated together: their 4 MB stay in a processor's cache. Smallest number
+# of samples together, for vectors.
 TOGETHER, FEWEST = 30.0, 8
 
 
 def columns(study: Study) -> dict[str, Figure]:
-    """Return a row's figures by column name."""
+    """Return the figures in a row by column name."""
     added = {name: r.figure for name, r in reductions(study.model).items() if r.figure}
     return {**{f"{experiment.name}.{name}": figure for experiment in study.experiments
                for name, figure in {**experiments.figures(experiment.kind, study.model), **added}.items()},
@@ -51,18 +51,18 @@ def columns(study: Study) -> dict[str, Figure]:
 
 
 def failed(study: Study, indices: Sequence[int], drawn: Array, errors: Sequence[str]) -> Rows:
-    """Return the rows of samples without figures."""
+    """Return the rows of failed samples, which have their `errors` and no figures."""
     return _rows(study, indices, drawn, {}, dict(enumerate(errors)))
 
 
 def listed(rows: Rows) -> list[dict[str, Any]]:
-    """Return the rows as one mapping for each sample."""
+    """Return rows as a list with a mapping for each sample."""
     columns = [column.tolist() if isinstance(column, np.ndarray) else column for column in rows.values()]
     return [dict(zip(rows, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 def joined(parts: Sequence[Rows]) -> Rows:
-    """Return the rows of all parts in one."""
+    """Return the rows of all parts together."""
     def column(name: str) -> Any:
         columns = [part[name] for part in parts]
         return np.concatenate(columns) if isinstance(columns[0], np.ndarray) else [x for part in columns for x in part]
@@ -71,13 +71,13 @@ def joined(parts: Sequence[Rows]) -> Rows:
 
 def _rows(study: Study, indices: Sequence[int], drawn: Array, entries: Mapping[str, Any], errors: Mapping[int, str]
           ) -> Rows:
-    """Return rows from the entries of samples and, by their positions, the errors of those that failed."""
-    count, bad = len(indices), [*errors]
+    """Return rows from the entries of samples, and the errors of failed samples by index in `indices`."""
+    count, failures = len(indices), [*errors]
     rows: Rows = {"index": np.asarray(indices), "seed": np.full(count, study.seed),
-                  **{name: np.broadcast_to(values, count) for name, values in study.chosen(drawn.T).items()}}
+                  **{name: np.broadcast_to(values, count) for name, values in study.factor_values(drawn.T).items()}}
     for name in columns(study):
         rows[name] = entries.get(name, np.full(count, np.nan))
-        rows[name][bad] = np.nan
+        rows[name][failures] = np.nan
     for name in observed(study):
         values = [None] * count if name not in entries else entries[name].tolist()
         rows[name] = [None if k in errors else value for k, value in enumerate(values)]
@@ -87,10 +87,10 @@ def _rows(study: Study, indices: Sequence[int], drawn: Array, entries: Mapping[s
 
 
 def together(study: Study, indices: Sequence[int], drawn: Array, subject: Subject) -> Rows:
-    """Return the rows of samples: index, seed, factors, figures (nan if there is none), status and error."""
+    """Return the rows of samples: index, seed, factors, figures (nan if missing), observations, status and error."""
     try:
         return _rows(study, indices, drawn, *_entries(study, drawn, subject))
-    # One sample must not end a campaign. Halving the samples leads to the one that failed.
+    # An error in one sample must not end a campaign. Halving the samples finds that sample.
     except Exception as error:  # noqa: BLE001
         half = len(indices) // 2
         if half:
@@ -105,13 +105,13 @@ def _message(error: Exception) -> str:
 
 
 def _changes(study: Study, values: Mapping[str, Any], subject: Subject) -> dict[str, Any]:
-    """Return the parameters of samples that are varied, or are not the subject's."""
+    """Return the parameters that vary between samples or differ from the subject's values."""
     varied = {*(f.name for f in study.factors), *study.followers}
     return {name: value for name, value in values.items() if name in varied or value != subject.values[name]}
 
 
 def _entries(study: Study, drawn: Array, subject: Subject) -> tuple[dict[str, Any], dict[int, str]]:
-    """Return the figures and observations of samples and, by their positions, the errors of those that failed."""
+    """Return figures and observations of samples by column, and the errors of failed samples by row of `drawn`."""
     values, numbers = study.varied(drawn.T)
     changes = _changes(study, values, subject)
     excitations = [excitation(experiment, values, numbers, study.model) for experiment in study.experiments]
@@ -147,15 +147,15 @@ def _entries(study: Study, drawn: Array, subject: Subject) -> tuple[dict[str, An
 
 @cache
 def _outputs(kind: str, model: str) -> tuple[str, ...]:
-    """Return the outputs that are recorded in a kind of experiment."""
+    """Return the outputs to record in a kind of experiment."""
     needed = (name for figure in experiments.figures(kind, model).values() for name in figure.needs)
     return tuple(dict.fromkeys((*needed, *(v.name for v in extension_outputs(model)))))
 
 
 def subject_of(study: Study) -> Subject:
-    """Return the subject of a campaign, which is opened once in a process.
+    """Return the subject of a campaign, which is opened once in each process.
 
-    Raises CampaignError if its file differs from that at the beginning of the campaign.
+    Raises CampaignError if its FMU or Python file has changed since the campaign began.
     """
     return _opened(study.fmu, study.fmu_sha256, study.fin, study.model, study.model_sha256)
 
@@ -170,16 +170,17 @@ def _opened(fmu: str, fmu_sha256: str, fin: int, model: str, model_sha256: str) 
     return subject
 
 
-def _check_same(path: str, digest: str, begun: str) -> None:
-    if digest != begun:
-        raise CampaignError(f"{path}: is not the file the campaign began with (SHA-256 {digest[:16]}, not "
-                            f"{begun[:16]}); every worker must see the same file")
+def _check_same(path: str, digest: str, initial: str) -> None:
+    if digest != initial:
+        raise CampaignError(f"{path}: is not the file with which the campaign began (SHA-256 {digest[:16]}, not "
+                            f"{initial[:16]}); every worker must see the same file")
 
 
 def rows(study: Study, indices: Sequence[int], drawn: Array) -> Rows:
-    """Return the rows of samples with the drawn values [indices, factors], which is the work of a task.
+    """Return the rows of samples with the `drawn` values [indices, factors]: the work of a task.
 
-    Raises CampaignError if no sample can be run, for instance without the FMU.
+    Raises CampaignError if no sample can be run, for example because a requirement cannot be measured; EmcasError if
+    the FMU cannot be opened.
     """
     subject = subject_of(study)
     size = max(FEWEST, int(TOGETHER / max(LEAD_IN + experiment.duration for experiment in study.experiments)))
@@ -191,18 +192,18 @@ def rows(study: Study, indices: Sequence[int], drawn: Array) -> Rows:
 
 
 def history(study: Study, experiment: Experiment, index: int) -> Response:
-    """Return all outputs of a sample in an experiment; the sample is run again, since rows contain figures only.
+    """Return all outputs of a sample in an experiment over time; the sample is run again, since rows have figures only.
 
-    The history of a sample that failed ends there. Raises EmcasError if there is none.
+    The response of a sample that failed ends at the failure. Raises EmcasError if it has no response.
     """
     subject, (values, numbers) = subject_of(study), study.varied(study.draw([index])[0].tolist())
-    made = excitation(experiment, values, numbers, study.model)
-    applied = subject.changed(made, _changes(study, values, subject))
-    run = subject.run(made, applied)
+    applied = excitation(experiment, values, numbers, study.model)
+    changes = subject.changed(applied, _changes(study, values, subject))
+    run = subject.run(applied, changes)
     rows = len(run.columns["time"])
     if rows < 2:
-        raise EmcasError(f"experiment {experiment.name}: there is no history; {'; '.join(run.messages) or run.reason}")
-    followed = replace(run.excitation, title=f"{experiment.name}: {run.excitation.title}", columns={
+        raise EmcasError(f"experiment {experiment.name}: there is no response; {'; '.join(run.messages) or run.reason}")
+    finished = replace(run.excitation, title=f"{experiment.name}: {run.excitation.title}", columns={
         name: column[:rows] for name, column in run.excitation.columns.items()})
-    parameters = load_parameters(model=study.model).with_values({**values, **applied})
-    return Response(FmuInterface(1, study.model), (parameters,), followed, run.columns)
+    parameters = load_parameters(model=study.model).with_values({**values, **changes})
+    return Response(FmuInterface(1, study.model), (parameters,), finished, run.columns)

@@ -1,4 +1,4 @@
-"""The schema of a campaign file: factors, input profiles and experiments, each number checked with its unit."""
+"""The schema of a campaign file: factors, input profiles and experiments; the unit of every number is checked."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from ...variables import Variable
 from .distributions import MOST_OUTSIDE, Factor, Value, distribution
 from .experiments import OPTIONAL, PROFILES, REQUIREMENT, SAME, Experiment, Profile
 
-LONGEST = 300.0  # s, of an experiment: half a gigabyte of rows
-# Limits of numbers that are not inputs: rows are a millisecond apart, and a spring acts once in each.
+LONGEST = 300.0  # s, longest experiment: half a gigabyte of rows
+# Limits of numbers that are not values of inputs: rows are 1 ms apart, and a spring's moment is computed once per row.
 _OTHERS = {unit: In(unit, *limits)
            for unit, limits in {"Hz": (1e-3, 500.0), "s": (-LONGEST, LONGEST), "N.m/rad": (-1e6, 1e6)}.items()}
 
@@ -39,7 +39,7 @@ class _Follower(Table):
 
 
 class Entries(Table):
-    """The tables of a campaign file, read by a `Reader`, the context, which collects factors and fixed numbers."""
+    """The tables of a campaign file; a `Reader`, which is the context, reads them and collects factors and numbers."""
 
     vary: Annotated[Any, PlainValidator(lambda written, info: info.context.read_factors(written))] = None
     inputs: Annotated[Any, PlainValidator(lambda written, info: info.context.profiles("inputs", written))] = None
@@ -48,7 +48,7 @@ class Entries(Table):
 
 
 class Reader:
-    """Collects the factors, fixed numbers and followers of a campaign on the parameter set `base`."""
+    """Collects the factors, fixed numbers and followers of a campaign for the parameter set `base`."""
 
     def __init__(self, base: ParameterSet) -> None:
         self.base, self.model = base.values, base.model
@@ -59,7 +59,7 @@ class Reader:
         self.followers: dict[str, str] = {}
 
     def read_factors(self, written: Any) -> None:
-        """Read the table `vary`. Raises ValueError or ValidationError, as the others do."""
+        """Read the table `vary`. This and the other methods raise ValueError or ValidationError."""
         each(_tables(written, self._parameters), self._parameter)
         each(((f"{name}.follows", leader) for name, leader in self.followers.items()), self._check_follower)
 
@@ -78,25 +78,25 @@ class Reader:
     def _check_follower(self, key: str, leader: str) -> None:
         name, leaders = key.removesuffix(".follows"), [f.name for f in self.factors if f.type == "Real"]
         if leader not in leaders:
-            raise ValueError(f"is not a number that varies{hint(leader, leaders)}")
+            raise ValueError(f"{leader} is not a real number that varies{hint(leader, leaders)}")
         if self._parameters[name].kind != "Real" or not self.base[leader]:
-            raise ValueError("there is no ratio to keep")
+            raise ValueError(f"there is no ratio to keep: both must be real numbers, and {leader} other than 0")
 
     def _keep(self, name: str, unit: In, written: Any) -> None:
-        """Store a number, or a factor if a table describes its distribution."""
+        """Store a fixed number, or a factor if `written` is a table with its distribution."""
         if isinstance(written, Mapping):
             self.factors.append(Factor(name, unit.unit, unit.type, distribution(written, unit)))
         else:
             self.numbers[name] = unit.limited(written)
 
     def profiles(self, prefix: str, entries: Any) -> dict[str, Profile]:
-        """Return the profiles of a table of inputs, whose numbers are named `prefix`, a dot, input, dot and field."""
+        """Return the profiles in a table of inputs, and store their numbers as ``PREFIX.INPUT.FIELD``."""
         inputs = {name: v for name, v in self._inputs.items() if name != COMMAND}
         return each(_tables(entries, inputs), partial(self._profile, prefix, inputs))
 
     def _profile(self, prefix: str, inputs: Mapping[str, Variable], name: str, entry: Any) -> Profile:
         if name not in inputs:
-            what = "the command is that of an experiment" if name == COMMAND else f"there is no input {name!r}"
+            what = "the experiment determines the command" if name == COMMAND else f"there is no input {name!r}"
             raise ValueError(f"{what}{_elsewhere(name, self.model) or hint(name, inputs)}; inputs are "
                              f"{', '.join(inputs)}")
         kinds: Iterable[str] = [k for k in PROFILES if k != "spring" or name == LOAD]
@@ -104,14 +104,14 @@ class Reader:
         profile = Profile(name, kind, f"{prefix}.{name}")
         create_model("profile", __base__=Table, kind=(str, ...), **self._fields(
             profile.prefix, name, PROFILES[kind])).model_validate(entry)
-        if kind == "window":  # a sample whose end is before its begin fails; here all of them would
+        if kind == "window":  # A sample whose end is before its begin fails; here every sample would fail.
             (begin, _), (_, end) = (self._limits(f"{profile.prefix}.{side}") for side in ("begin", "end"))
             if end < begin:
-                raise ValueError(f"end = {end:g} s is before begin = {begin:g} s; give an end that is later")
+                raise ValueError(f"end = {end:g} s is before begin = {begin:g} s; write a later end")
         return profile
 
     def _fields(self, prefix: str, name: str, units: Mapping[str, str]) -> dict[str, Any]:
-        """Return the fields of a motion or profile of the input `name`, for a model; each stores its number."""
+        """Return the pydantic fields of a motion or profile of the input `name`; each field stores its number."""
         return {field: (Annotated[Any, PlainValidator(partial(
             self._keep, f"{prefix}.{field}", self._unit(name, field, unit)))], None if field in OPTIONAL else ...)
             for field, unit in units.items()}
@@ -127,15 +127,15 @@ class Reader:
         return replace(written, minimum=-inf, maximum=inf) if field == "amplitude" else written
 
     def _limits(self, name: str, outside: float = 0.0) -> tuple[float, float]:
-        """Return the least and the largest value of a number, whether it is fixed or drawn."""
+        """Return the smallest and the largest value of a number, fixed or drawn (without tails beyond `outside`)."""
         if name in self.numbers:
             return float(self.numbers[name]), float(self.numbers[name])
         return next(f for f in self.factors if f.name == name).distribution.limits(outside)
 
     def experiment(self, common: Mapping[str, Profile], name: str, entry: Any) -> Experiment:
-        """Return an experiment, which has the `common` profiles of inputs unless its table has others."""
+        """Return an experiment; its profiles replace the `common` profiles of the same inputs."""
         if "." in name or name == REQUIREMENT:
-            raise ValueError(f"a name without dots is needed, and another than {REQUIREMENT}")
+            raise ValueError(f"expected a name without dots other than {REQUIREMENT}")
         kind, prefix = motions.motion_in(entry), f"experiments.{name}"
         units = {field: motions.FIELDS[field].unit for field in motions.KINDS[kind].shape}
         numbers = self._fields(prefix, COMMAND, {"amplitude": SAME, **units})
@@ -147,12 +147,12 @@ class Reader:
         if motions.KINDS[kind].sweeps:
             (_, low), (high, _) = (self._limits(f"{prefix}.{side}", MOST_OUTSIDE) for side in ("low", "high"))
             if not low < high:
-                raise ValueError(f"low (up to {low:g} Hz) must be below high (from {high:g} Hz on)")
+                raise ValueError(f"low (at most {low:g} Hz) must be below high (at least {high:g} Hz)")
         return Experiment(name, kind, table.duration, tuple({**common, **table.inputs}.values()))
 
 
 def _tables(entries: Any, variables: Mapping[str, Variable]) -> Iterator[tuple[str, Any]]:
-    """Return dotted names, quoted or not, with their tables. Raises ValueError."""
+    """Return pairs of dotted name and table; names may be quoted or nested tables. Raises ValueError."""
     if not isinstance(entries, Mapping):
         raise ValueError("expected a table")
     return leaves(entries, lambda name, table: table and name not in variables and all(
@@ -160,13 +160,13 @@ def _tables(entries: Any, variables: Mapping[str, Variable]) -> Iterator[tuple[s
 
 
 def _elsewhere(name: str, model: str) -> str:
-    """Return a hint to the extension, or the other actuator, that has a parameter or input of this name."""
+    """Return a hint if another extension or actuator has a parameter or input of this name, otherwise an empty text."""
     actuator, extensions = parts(model)
-    for kind in (*("+".join((actuator, *extensions, more)) for more in EXTENSIONS if more not in extensions), *NAMES):
+    for other in (*("+".join((actuator, *extensions, more)) for more in EXTENSIONS if more not in extensions), *NAMES):
         try:
-            chosen = get(kind)
+            declaration = get(other)
         except EmcasError:  # the extension does not fit this actuator
             continue
-        if any(v.name == name for v in (*chosen.parameters, *chosen.inputs)):
-            return f" of the {get(model).name} model; {kind} has one: name the model in [base], or with --model"
+        if any(v.name == name for v in (*declaration.parameters, *declaration.inputs)):
+            return f" of the {get(model).name} model; {other} has one: set the model in [base] or with --model"
     return ""

@@ -1,6 +1,6 @@
-"""Results on disk: a folder of Parquet parts, each written whole or not at all, and the record of their campaign.
+"""Results on disk: a folder of Parquet files (parts), each written whole or not at all, and a record of the campaign.
 
-One run at a time writes to a folder. The lock is the operating system's, which releases it when the process ends.
+One process at a time writes to a folder. The operating system holds the lock and releases it when the process ends.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from .study import Study
 SCHEMA = "emcas-campaign/1"
 MANIFEST, PARTS, LOCK, OWNER = "campaign.json", "samples", ".lock", ".owner"
 _TYPES = {"Real": pa.float64(), "Integer": pa.int64(), "Boolean": pa.bool_(), "Enumeration": pa.string()}
-_WORDS = {"title", "source", "reason"}  # fields of a requirement that do not change rows
-_MOST_NAMED = 6  # changes named in a refusal
+_WORDS = {"title", "source", "reason"}  # fields of a requirement that do not affect rows
+_MOST_NAMED = 6  # most changes that a message names
 
 
 def identity(study: Study) -> dict[str, Any]:
-    """Return all on which the rows depend, for JSON: the campaign, parameters, model or FMU, the program's version."""
+    """Return everything that determines the rows, for JSON: campaign, parameters, model or FMU, and package version."""
     model = {} if study.model == NONLINEAR else {"model": study.actuator.name}
     if study.model_sha256:
         model["model_sha256"] = study.model_sha256
@@ -60,10 +60,10 @@ def _judged(specification: Specification) -> dict[str, Any]:
 
 
 class Store(AbstractContextManager["Store"]):
-    """The results of a campaign in a folder, which is made if it does not exist and locked until `close`.
+    """The results of a campaign in a folder, which is created if it does not exist, and locked until `close`.
 
-    Raises CampaignError if the folder contains another campaign, naming the differences, cannot be read, or another
-    run writes to it.
+    Raises CampaignError if the folder is not that of this campaign (the message names the differences), if it cannot be
+    read, or if another process writes to it.
     """
 
     def __init__(self, folder: Path, study: Study) -> None:
@@ -72,12 +72,12 @@ class Store(AbstractContextManager["Store"]):
         if folder.exists() and not folder.is_dir():
             raise CampaignError(f"{folder}: is a file; name a folder")
         if folder.is_dir() and not manifest.is_file() and not _unused(folder):
-            raise CampaignError(f"{folder}: is not the folder of a campaign; name one that is empty or not there yet")
+            raise CampaignError(f"{folder}: is not the folder of a campaign; name an empty or a new folder")
         folder.mkdir(parents=True, exist_ok=True)
         self._lock = _locked(folder)
         try:
             for partial in (*folder.glob(f".*{PARTIAL}"), *self._parts.glob(f".*{PARTIAL}")):
-                partial.unlink()  # left by a run that was killed
+                partial.unlink()  # left by a process that was killed
             if manifest.is_file():
                 _check_same(manifest, identity(study))
             else:
@@ -88,7 +88,7 @@ class Store(AbstractContextManager["Store"]):
             raise
 
     def close(self) -> None:
-        """Let another run write here."""
+        """Release the folder for other processes."""
         if self._lock.is_locked:
             (self.folder / OWNER).unlink(missing_ok=True)
             self._lock.release()
@@ -104,11 +104,11 @@ class Store(AbstractContextManager["Store"]):
         return np.flatnonzero(missing)
 
     def write(self, rows: Rows) -> Path:
-        """Write rows as a new part of one row group; they are on disk when this returns."""
-        # The name is unused: a part of this name would contain the first of these rows.
+        """Write rows as a new part with one row group, and return its path; they are on disk when this returns."""
+        # The name is new: a part with this name would contain the first of these rows.
         name = f"part-{min(rows['index']):09d}.parquet"
         sink = pa.BufferOutputStream()
-        # Figures hardly repeat and are not searched by range: dictionaries and statistics would only take space.
+        # Figures rarely repeat and are not searched by range: dictionaries and statistics would only waste space.
         pq.write_table(pa.Table.from_pydict(rows, self._schema), sink, compression="zstd",
                        use_dictionary=["status", "error"], write_statistics=["index"])
         part = self._parts / name
@@ -116,9 +116,9 @@ class Store(AbstractContextManager["Store"]):
         return part
 
     def table(self) -> pa.Table:
-        """Return all rows, sorted by index and without duplicates."""
+        """Return all rows, sorted by index and without duplicates. Raises CampaignError for an unreadable part."""
         rows = pa.concat_tables([self._schema.empty_table(), *self._tables()])
-        # Parts that were copied from another folder may contain a sample again; its row is the same.
+        # Parts copied from another folder may repeat a sample; the rows are equal.
         _, first = np.unique(rows["index"].to_numpy(), return_index=True)
         return rows.take(pa.array(first))
 
@@ -127,12 +127,12 @@ class Store(AbstractContextManager["Store"]):
             try:
                 yield pq.ParquetFile(part).read(names)
             except (OSError, pa.ArrowException) as error:
-                raise CampaignError(f"{part}: cannot be read ({error}); remove it, and its samples will be run "
-                                    "again") from error
+                raise CampaignError(f"{part}: cannot be read ({error}); remove it, and repeat the command: it runs "
+                                    "these samples again") from error
 
 
 def _locked(folder: Path) -> FileLock:
-    """Lock a folder and return the lock. Raises CampaignError, naming the process, if another run has locked it."""
+    """Lock a folder and return the lock. Raises CampaignError with the process that has locked it, if any."""
     lock, owner = FileLock(folder / LOCK), folder / OWNER
     try:
         lock.acquire(blocking=False)
@@ -140,9 +140,9 @@ def _locked(folder: Path) -> FileLock:
         holder = ""
         with suppress(OSError):
             holder = owner.read_text(encoding="utf-8")
-        raise CampaignError(f"another run ({holder or 'pid unknown'}) writes to {folder}; wait for it, or name another "
-                            "folder with --output") from error
-    # In a file of its own: some systems do not let others read a locked file.
+        raise CampaignError(f"another process ({holder or 'pid unknown'}) writes to {folder}; wait until it ends, or "
+                            "name another folder with --output") from error
+    # In a separate file: some systems do not let others read a locked file.
     try:
         write(owner, f"pid {os.getpid()} on {platform.node()}")
     except BaseException:
@@ -152,7 +152,7 @@ def _locked(folder: Path) -> FileLock:
 
 
 def _unused(folder: Path) -> bool:
-    """Return whether a folder is empty, or contains only what a run leaves that was killed before its first sample."""
+    """Return whether a folder is empty, or a process was killed in it before the first sample."""
     return all(path.name in (PARTS, LOCK, OWNER) or path.suffix == PARTIAL for path in folder.iterdir()) and not any(
         (folder / PARTS).glob("*"))
 
@@ -170,20 +170,20 @@ def _schema(study: Study) -> pa.Schema:
 
 
 def _check_same(manifest: Path, campaign: Mapping[str, Any]) -> None:
-    """Raise CampaignError, naming the differences, if the folder contains another campaign."""
+    """Raise CampaignError with the differences if the manifest's campaign is another one."""
     try:
         document = json.loads(manifest.read_text(encoding="utf-8"))
         document.pop("text")
-        before = dict(leaves(document, _is_filled))
+        stored = dict(leaves(document, _is_filled))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise CampaignError(f"{manifest}: is not the record of a campaign; name another folder") from error
     now = dict(leaves(campaign, _is_filled))
-    changed = [f"{name.removeprefix('campaign.')}: {_shown(before, name)} then, {_shown(now, name)} now"
-               for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
+    changed = [f"{name.removeprefix('campaign.')}: {_shown(stored, name)} then, {_shown(now, name)} now"
+               for name in sorted({*stored, *now}) if stored.get(name) != now.get(name)]
     if changed:
         more = f"; and {len(changed) - _MOST_NAMED} more" if len(changed) > _MOST_NAMED else ""
-        raise CampaignError(f"{manifest.parent}: holds another campaign; {'; '.join(changed[:_MOST_NAMED])}{more}. "
-                            "Restore what changed, or name another folder with --output")
+        raise CampaignError(f"{manifest.parent}: contains another campaign; {'; '.join(changed[:_MOST_NAMED])}{more}. "
+                            "Undo these changes, or name another folder with --output")
 
 
 def _is_filled(name: str, table: Mapping[str, Any]) -> bool:
@@ -191,4 +191,4 @@ def _is_filled(name: str, table: Mapping[str, Any]) -> bool:
 
 
 def _shown(values: Mapping[str, Any], name: str) -> str:
-    return repr(values[name]) if name in values else "not given"
+    return repr(values[name]) if name in values else "nothing"

@@ -1,4 +1,4 @@
-"""A campaign, read from TOML: factors, experiments and the parameters or FMU that they apply to."""
+"""A campaign, read from TOML: factors, experiments, and the parameters or FMU to which they apply."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from .experiments import Experiment
 from .schema import Entries, Reader
 
 MOST_SAMPLES = 100_000_000
-SHIPPED = "shipped"  # stands for models/requirements.toml
+SHIPPED = "shipped"  # name of the shipped requirements for the campaign's model
 
 
 class _Campaign(Table):
@@ -73,16 +73,16 @@ class _File(Table):
 
 @dataclass(frozen=True)
 class Study:
-    """A campaign of the file `path`, whose `text` contains the `document`; it is sent to the workers.
+    """A campaign, read from the file `path`; workers receive a copy.
 
-    `guid` is that of its FMU, or of the FMU that would be built from its parameters. `base` are the parameters (flat,
-    SI) of the actuator `model`, by its full name; `numbers` are the fixed numbers of motions and profiles by name.
-    `followers` keep their ratio to a factor. `fmu` is the path of an FMU, or empty for the kernel, and `fin` the number
-    of its fin, from 1. `model_sha256` is that of the user's file that declares the model, or empty. Every sample is
-    judged by the `specification`, which contains only what can be measured of the model; its tests have their own
-    inputs, so that only those factors matter to it that are parameters. `left_out` are the requirements that cannot be
-    measured, with the reasons. `warnings` are those of the parameters with all factors at their medians and with each
-    at either end, one for each rule.
+    `text` is the content of the file and `document` its TOML. `guid` belongs to the FMU, or to the FMU that would be
+    built from the parameters. `base` are the parameters (flat, SI) of the actuator `model` (full name). `numbers` are
+    the fixed values of motions and profiles by name. `followers` are parameters, by name, that keep their ratio to a
+    factor. `fmu` is the path of an FMU, or empty for the kernel; `fin` is the number of its fin, from 1. `model_sha256`
+    is the SHA-256 of the user's file that declares the model, or empty. Every sample is judged by the `specification`,
+    the requirements that can be measured for the model. Their tests have their own inputs: only factors that are
+    parameters affect them. `left_out` are the requirements that cannot be measured, with the reasons. `warnings` are
+    those of the parameters with all factors at their medians, and with one factor at an end, one for each rule.
     """
 
     path: Path
@@ -118,54 +118,55 @@ class Study:
         return sum(e.duration for e in self.experiments) + sum(test.simulated for test, _ in tests)
 
     def draw(self, indices: Sequence[int]) -> Array:
-        """Return the values [indices, factors] of samples in the factors' units, which depend on index and seed only.
+        """Return the values [indices, factors] of the factors in samples, in the factors' units.
 
-        Sample i of a ``monte-carlo`` campaign has its own generator, seeded with (seed, i); of a ``sobol`` one it is
-        point i of a scrambled sequence, of a ``latin-hypercube`` row i of one hypercube for all samples, of a ``grid``
-        the digits of i in mixed radix, of which the last factor's change fastest. Raises IndexError outside the
-        campaign.
+        They depend on the sample's index, the seed and the number of factors; in a ``latin-hypercube`` also on the
+        number of samples. Sample i of a ``monte-carlo`` campaign has its own generator, seeded with (seed, i). In
+        ``sobol`` it is point i of a scrambled sequence, in ``latin-hypercube`` row i of one hypercube for all samples.
+        In a ``grid`` the level of the last factor changes fastest. Raises IndexError for an index outside the campaign.
         """
-        if any(not 0 <= i < self.samples for i in indices):
-            raise IndexError(f"samples are numbered from 0 to {self.samples - 1}")
+        if outside := [i for i in indices if not 0 <= i < self.samples]:
+            raise IndexError(f"there is no sample {outside[0]}; the indices are 0 to {self.samples - 1}")
         distributions = [f.distribution for f in self.factors]
         if self.method == "grid":
             positions = np.unravel_index(np.asarray(indices), [len(d.levels) for d in distributions])
             return np.column_stack([np.asarray(d.levels, dtype=float)[k]
                                     for d, k in zip(distributions, positions, strict=True)])
         if self.method == "sobol":
-            shares = _sobol(len(self.factors), self.seed, indices)
+            probabilities = _sobol(len(self.factors), self.seed, indices)
         elif self.method == "latin-hypercube":
-            shares = hypercube(len(self.factors), self.seed, self.samples)[np.asarray(indices)]
+            probabilities = hypercube(len(self.factors), self.seed, self.samples)[np.asarray(indices)]
         else:
-            shares = np.array([np.random.default_rng([self.seed, i]).random(len(self.factors)) for i in indices])
-        return np.column_stack([d.at(shares[:, k]) for k, d in enumerate(distributions)])
+            probabilities = np.array([np.random.default_rng([self.seed, i]).random(len(self.factors))
+                                      for i in indices])
+        return np.column_stack([d.at(probabilities[:, k]) for k, d in enumerate(distributions)])
 
-    def chosen(self, drawn: Iterable[Any]) -> dict[str, Any]:
-        """Return the factors and their followers by name, for the values `drawn`: numbers, or arrays [samples]."""
-        chosen = {f.name: f.value(x) for f, x in zip(self.factors, drawn, strict=True)}
-        return chosen | {name: self.base[name] * (chosen[leader] / self.base[leader])
+    def factor_values(self, drawn: Iterable[Any]) -> dict[str, Any]:
+        """Return the values of factors and followers by name; `drawn` are numbers or arrays [samples]."""
+        values = {f.name: f.value(x) for f, x in zip(self.factors, drawn, strict=True)}
+        return values | {name: self.base[name] * (values[leader] / self.base[leader])
                          for name, leader in self.followers.items()}
 
     def varied(self, drawn: Iterable[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return parameters (flat, SI) and numbers of motions and profiles for the values `drawn` of the factors.
+        """Return parameters, and numbers of motions and profiles (all flat, SI), for the values `drawn` of the factors.
 
-        For many samples those that vary are arrays [samples].
+        If `drawn` has arrays [samples], the factors and their followers are arrays [samples], too.
         """
         values, numbers = dict[str, Any](self.base), dict[str, Any](self.numbers)
-        for name, value in self.chosen(drawn).items():
+        for name, value in self.factor_values(drawn).items():
             (values if name in values else numbers)[name] = value
         return values, numbers
 
 
 @lru_cache(maxsize=1)
 def hypercube(factors: int, seed: int, samples: int) -> Array:
-    """Return a Latin hypercube [samples, factors] of shares between 0 and 1."""
+    """Return a Latin hypercube [samples, factors] of probabilities between 0 and 1."""
     cube: Array = qmc.LatinHypercube(factors, rng=np.random.default_rng([seed])).random(samples)
     return cube
 
 
 def _sobol(factors: int, seed: int, indices: Sequence[int]) -> Array:
-    """Return points in the order of `indices`; each is drawn once, in ascending order, as the engine requires."""
+    """Return points [indices, factors] of a Sobol sequence; the engine generates them once each, in ascending order."""
     engine = qmc.Sobol(factors, scramble=True, rng=np.random.default_rng([seed]))
     ordered, positions = np.unique(np.asarray(indices), return_inverse=True)
     points = np.empty((len(ordered), factors))
@@ -173,44 +174,45 @@ def _sobol(factors: int, seed: int, indices: Sequence[int]) -> Array:
         if index > engine.num_generated:
             engine.fast_forward(index - engine.num_generated)
         row[:] = engine.random(1)[0]
-    # A scrambled point may contain 0, where a normal distribution is infinite.
+    # A scrambled point may contain 0, at which the quantile of a normal distribution is infinite.
     return np.clip(points, 2.0**-53, 1.0 - 2.0**-53)[positions]
 
 
 def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, model: str | None = None,
                requirements: Path | str | None = None) -> Study:
-    """Return the campaign of a TOML file (see models/campaign.toml). Raises CampaignError.
+    """Return the campaign in a TOML file (see models/campaign.toml).
 
-    `fmu`, its `fin` (from 1) and `model`, one of :mod:`emcas_fmu.actuators`, replace those in the file. Every sample
-    is judged by `requirements`, a file or SHIPPED.
+    `fmu`, its `fin` (from 1) and `model`, a name for :func:`emcas_fmu.actuators.get`, replace those in the file. Every
+    sample is judged by `requirements`, a file or SHIPPED. Raises CampaignError; EmcasError if the FMU or the
+    requirements cannot be used, ParameterError for the problems of parameter files.
     """
     text, document = schema.document(path, CampaignError)
     file = schema.read(_File, document, path, CampaignError)
-    base, guid, unit, digest, chosen = _base(path, file.base, fmu, fin, model)
+    base, guid, fmu_path, digest, fin_number = _base(path, file.base, fmu, fin, model)
     reader = Reader(base)
     written = {key: document[key] for key in Entries.model_fields if key in document}
     entries = schema.read(Entries, written, path, CampaignError, reader)
     if not reader.factors:
-        raise CampaignError(f"{path}: nothing varies; give at least one [vary.\"NAME\"] with a distribution")
+        raise CampaignError(f"{path}: there is no factor; add at least one [vary.\"NAME\"] with a distribution")
     if not entries.experiments:
-        raise CampaignError(f"{path}: nothing is done; give at least one [experiments.NAME] with a kind")
+        raise CampaignError(f"{path}: there is no experiment; add at least one [experiments.NAME] with a kind")
     specification, subject = Specification(()), ParameterSubject(base)
     if requirements is not None:
         specification = load_requirements(None if str(requirements) == SHIPPED else Path(requirements), base)
-    able = tuple(r for r in specification.requirements if not r.obstacle(subject))
-    if specification.requirements and not able:
-        raise CampaignError(f"{requirements}: none of its requirements can be measured of {base.model}; leave "
-                            "--requirements out")
+    measurable = tuple(r for r in specification.requirements if not r.obstacle(subject))
+    if specification.requirements and not measurable:
+        raise CampaignError(f"{requirements}: no requirement can be measured for {base.model}; leave --requirements "
+                            "out")
     study = Study(
         path, text, document, file.campaign.method, _samples(path, file.campaign, reader.factors), file.campaign.seed,
         guid, dict(base.values), reader.numbers, tuple(reader.factors), reader.followers,
-        tuple(entries.experiments.values()), fmu=unit, fmu_sha256=digest, fin=chosen, model=base.model,
-        model_sha256=source_sha256(base.model), specification=replace(specification, requirements=able),
-        left_out=tuple(judged(r, (), subject) for r in specification.requirements if r not in able))
-    # If the parameters contradict each other at the medians, few samples could be run.
+        tuple(entries.experiments.values()), fmu=fmu_path, fmu_sha256=digest, fin=fin_number, model=base.model,
+        model_sha256=source_sha256(base.model), specification=replace(specification, requirements=measurable),
+        left_out=tuple(judged(r, (), subject) for r in specification.requirements if r not in measurable))
+    # If the parameters contradict each other at the medians, most samples would fail.
     medians = [float(f.distribution.at(0.5)) for f in study.factors]
     if problems := check_parameters(study.varied(medians)[0], study.model):
-        raise CampaignError(f"{path}: with everything at its median: {'; '.join(problems)}")
+        raise CampaignError(f"{path}: with all factors at their medians: {'; '.join(problems)}")
     return replace(study, warnings=tuple(_warnings(base, study, medians)))
 
 
@@ -221,9 +223,9 @@ def source_sha256(model: str) -> str:
 
 
 def _warnings(base: ParameterSet, study: Study, medians: list[float]) -> Iterator[str]:
-    """Yield the first warning of each rule: at the medians of the factors, or with one factor at an end."""
-    varied = check_combinations(base.values, base.actuator, warnings=True)
-    yield from (warning for warning in base.warnings if warning not in varied)
+    """Yield warnings, the first of each rule: with all factors at their medians, or one factor at an end."""
+    from_rules = check_combinations(base.values, base.actuator, warnings=True)
+    yield from (warning for warning in base.warnings if warning not in from_rules)
     points = [medians, *([*medians[:k], end, *medians[k + 1:]] for k, factor in enumerate(study.factors)
                          for end in factor.distribution.limits(MOST_OUTSIDE))]
     first: dict[Rule, str] = {}
@@ -235,28 +237,28 @@ def _warnings(base: ParameterSet, study: Study, medians: list[float]) -> Iterato
 
 def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
           model: str | None) -> tuple[ParameterSet, str, str, str, int]:
-    """Return the base set, the GUID, and path, SHA-256 and fin of the FMU, if there is one."""
+    """Return the base set, the GUID, and path (empty without an FMU), SHA-256 and fin of the FMU."""
     chosen = fin if fin is not None else entry.fin or 1
     kind = _model(path, entry, model)
     # Paths are relative to the campaign's file, so that it can be run from any folder.
     files = [parameter_file(name, path.parent) for name in entry.parameters]
-    unit = fmu if fmu is not None else path.parent / entry.fmu if entry.fmu else None
-    if unit is None:
+    fmu_path = fmu if fmu is not None else path.parent / entry.fmu if entry.fmu else None
+    if fmu_path is None:
         if fin is not None or entry.fin is not None:
-            raise CampaignError(f"{path}: fin {chosen} is one of an FMU; name it with --fmu or base.fmu")
+            raise CampaignError(f"{path}: fin {chosen} is one of an FMU; name the FMU with --fmu or base.fmu")
         base = load_parameters(files, model=kind or NONLINEAR)
-        shown = FmuInterface(1, base.model)
-        return base, interface_guid(start_values(shown, [base.values]), shown), "", "", 1
-    if unit.suffix.lower() != ".fmu":
-        raise CampaignError(f"{unit}: is no FMU by its name; give a file that ends in .fmu")
-    with open_subject(unit, kind, chosen) as subject:
+        interface = FmuInterface(1, base.model)
+        return base, interface_guid(start_values(interface, [base.values]), interface), "", "", 1
+    if fmu_path.suffix.lower() != ".fmu":
+        raise CampaignError(f"{fmu_path}: is not an FMU by its name; give a file that ends in .fmu")
+    with open_subject(fmu_path, kind, chosen) as subject:
         identification, base = subject.identification, load_parameters(files, model=subject.model)
         base = base if files else base.with_values(dict(subject.values))
-    return base, identification.guid, str(unit.resolve()), identification.sha256, chosen
+    return base, identification.guid, str(fmu_path.resolve()), identification.sha256, chosen
 
 
 def _model(path: Path, entry: _Base, chosen: str | None) -> str | None:
-    """Return the full name of the chosen model, or of the one in the file, if any."""
+    """Return the full name of the chosen model, otherwise that of the one in the file, otherwise None."""
     model = chosen or entry.model
     if model is None:
         return None
@@ -266,8 +268,8 @@ def _model(path: Path, entry: _Base, chosen: str | None) -> str | None:
         get(model)
         return full_name(model)
     except EmcasError as error:
-        where = f"{path}: base.model = " if chosen is None else "model "
-        raise CampaignError(where + str(error).removeprefix("model ")) from error
+        location = f"{path}: base.model = " if chosen is None else "model "
+        raise CampaignError(location + str(error).removeprefix("model ")) from error
 
 
 def _samples(path: Path, campaign: _Campaign, factors: Sequence[Factor]) -> int:
@@ -279,7 +281,7 @@ def _samples(path: Path, campaign: _Campaign, factors: Sequence[Factor]) -> int:
                                 "weights")
     points = prod(len(f.distribution.levels) for f in factors)
     if points > MOST_SAMPLES:
-        raise CampaignError(f"{path}: the grid has {points} points; at most {MOST_SAMPLES} can be run")
+        raise CampaignError(f"{path}: the grid has {points} points, above {MOST_SAMPLES}; reduce the levels")
     if campaign.samples not in (None, points):
         raise CampaignError(f"{path}: campaign.samples = {campaign.samples}: the grid has {points} points; leave "
                             "samples out")

@@ -24,8 +24,9 @@ from .sample import OK, columns
 from .study import Study
 
 WORST = 3  # samples listed for each figure
-_FEWEST = 10  # least number of samples for sensitivities
-# Differences that are rounding: relative to the largest value, and of a figure in SI, as of an error that has decayed.
+_FEWEST = 10  # smallest number of samples for sensitivities
+# Largest differences that count as rounding errors: relative to the largest value, and absolute for figures in SI, such
+# as errors that have decayed.
 _RELATIVE, _ABSOLUTE = 1e-9, 1e-12
 _NUMBER = re.compile(r"(?<!\S)[(),;:]*[+-]?(?:\d+\.?\d*(?:e[+-]?\d+)?|inf|nan)[(),;:]*(?!\S)")
 
@@ -34,8 +35,8 @@ _NUMBER = re.compile(r"(?<!\S)[(),;:]*[+-]?(?:\d+\.?\d*(?:e[+-]?\d+)?|inf|nan)[(
 class Effect:
     """Sensitivity of a figure to a factor.
 
-    Spearman's rank correlation with its 95 % interval, and the standardised coefficient of a linear regression on all
-    factors with its standard error.
+    It consists of Spearman's rank correlation with its 95 % interval (`low` to `high`), and of the standardised
+    coefficient of a linear regression on all factors with its standard error.
     """
 
     factor: str
@@ -47,17 +48,18 @@ class Effect:
 
     @property
     def sure(self) -> bool:
-        """Whether the interval excludes zero."""
+        """Whether the interval of the rank correlation excludes zero."""
         return self.low > 0.0 or self.high < 0.0
 
 
 @dataclass(frozen=True)
 class Spread:
-    """The distribution of a figure over the samples, SI; `name` is that of its column.
+    """The distribution of a figure [SI] over the samples that did not fail; `name` is the column's name.
 
-    `values` are the finite ones, with their `mean` and `sd`; `without` is the number of other samples. `percentiles`
-    are of all samples: those without the figure count as worse than the rest, and a percentile among them is infinite.
-    `explained` is the share of the variance that the regression explains. `worst` are indices and figures, worst first.
+    `values` are the finite values, with their `mean` and `sd`; `without` is the number of other samples. `percentiles`,
+    `smallest` and `largest` include those: a sample without the figure counts as worse than the rest, as an infinite
+    value. `explained` is the share of the variance that the regression explains. `worst` has pairs of index and figure,
+    the worst first.
     """
 
     name: str
@@ -81,17 +83,17 @@ class Spread:
 
 @dataclass(frozen=True)
 class Summary:
-    """The results of a campaign of which `done` samples were run, including those that failed."""
+    """The results of a campaign; `done` is the number of samples that were run, including those that failed."""
 
     study: Study
     done: int
     spreads: tuple[Spread, ...]
     failures: tuple[tuple[str, int, int], ...]
-    """Message, number of samples and index of the first."""
+    """For each reason: message, number of samples, and index of the first."""
     tallies: Mapping[str, Mapping[str, int]]
     findings: tuple[Finding, ...]
     chances: tuple[Chance, ...]
-    """One for each requirement, and at the end one for all together."""
+    """One for each requirement, then one for all requirements together."""
 
     @property
     def by_name(self) -> Mapping[str, Spread]:
@@ -104,12 +106,12 @@ class Summary:
 
     @property
     def failed(self) -> int:
-        """Samples without figures."""
+        """Number of samples that failed."""
         return sum(count for _, count, _ in self.failures)
 
 
 def summarise(study: Study, table: pa.Table) -> Summary:
-    """Return the summary of a campaign's rows, some or all."""
+    """Return the summary of the rows of a campaign, or of those that exist so far."""
     good = table.filter(pa.compute.equal(table["status"], OK))
     factors = {f.name: np.asarray(good[f.name].to_numpy(), dtype=float) for f in study.factors}
     parameters = {name: x for name, x in factors.items() if name in study.base}
@@ -126,7 +128,7 @@ def summarise(study: Study, table: pa.Table) -> Summary:
 
 
 def _failures(table: pa.Table) -> tuple[tuple[str, int, int], ...]:
-    """Return the reasons of failures: messages without their numbers, which differ between samples."""
+    """Return the reasons of failures by frequency; in messages … replaces numbers, which differ between samples."""
     bad = table.filter(pa.compute.not_equal(table["status"], OK))
     samples: dict[str, list[int]] = {}
     for index, error in zip(bad["index"].to_pylist(), bad["error"].to_pylist(), strict=True):
@@ -137,24 +139,24 @@ def _failures(table: pa.Table) -> tuple[tuple[str, int, int], ...]:
 
 
 def _spread(name: str, figure: Figure, values: Array, index: Array, factors: Mapping[str, Array]) -> Spread:
-    # A missing figure is worse than any other: a level that is never reached takes longer than all.
+    # A missing figure is worse than any other, as a level that is never reached.
     ordered = np.where(np.isnan(values), figure.bad * inf, values)
     shares = percentiles(ordered, PERCENTILES)
-    inside = values[np.isfinite(values)]
+    finite = values[np.isfinite(values)]
     worst = np.lexsort((index, -figure.bad * ordered))[:WORST]
-    # Factors of other experiments have no effect in this one, and would seem to now and then by chance.
+    # Factors of other experiments have no effect in this one, but would sometimes seem to have one by chance.
     acting = {factor: x for factor, x in factors.items()
               if not factor.startswith("experiments.") or factor.startswith(f"experiments.{name.partition('.')[0]}.")}
     explained, effects = sensitivities(ordered, acting)
-    mean, sd = (float(inside.mean()), float(inside.std())) if len(inside) else (nan, nan)
+    mean, sd = (float(finite.mean()), float(finite.std())) if len(finite) else (nan, nan)
     return Spread(
-        name, figure, inside, len(values) - len(inside), mean, sd, shares,
+        name, figure, finite, len(values) - len(finite), mean, sd, shares,
         float(ordered.min()), float(ordered.max()), explained, effects,
         tuple((int(index[k]), float(ordered[k])) for k in worst))
 
 
 def varies(values: Array, rounding: float = 0.0) -> bool:
-    """Return whether values differ by more than rounding errors: relative ones, and those of a size `rounding`."""
+    """Return whether values differ by more than relative rounding errors and by more than `rounding`."""
     finite = values[np.isfinite(values)]
     if not len(finite) or len(finite) < len(values):
         return len(np.unique(values)) > 1
@@ -164,9 +166,9 @@ def varies(values: Array, rounding: float = 0.0) -> bool:
 def sensitivities(figure: Array, factors: Mapping[str, Array]) -> tuple[float, tuple[Effect, ...]]:
     """Return the share of the variance that a regression explains, and the effects of the factors [n] on a figure [n].
 
-    Ranks use all samples, infinite figures at the end; the regression uses the finite ones. Without variation of the
-    factor or the figure, beyond rounding errors, there is no effect. The interval of a rank correlation is Fisher's,
-    with the variance of Bonett and Wright (2000), (1 + r^2/2)/(n - 3).
+    Ranks use all samples, including infinite figures; the regression uses the finite figures. A factor or figure that
+    varies only by rounding errors has no effect. The interval of a rank correlation is Fisher's, with the variance of
+    Bonett and Wright (2000), (1 + r^2/2)/(n - 3).
     """
     varying = {name: x for name, x in factors.items() if varies(x)}
     if len(figure) < max(_FEWEST, len(varying) + 3) or not varying or not varies(figure, _ABSOLUTE):
@@ -188,21 +190,21 @@ def _interval(rank: float, n: int) -> tuple[float, float]:
 def _regression(figure: Array, factors: Mapping[str, Array]) -> tuple[list[float], list[float], float]:
     """Return standardised coefficients, their standard errors and the explained share of the variance (least squares).
     """
-    has = np.isfinite(figure)
-    x, y = np.column_stack([column[has] for column in factors.values()]), figure[has]
+    finite = np.isfinite(figure)
+    x, y = np.column_stack([column[finite] for column in factors.values()]), figure[finite]
     n, count = x.shape
-    nothing = [nan] * count
+    undefined = [nan] * count
     if n < count + 3 or not varies(y, _ABSOLUTE) or not all(map(varies, x.T)):
-        return nothing, nothing, nan
+        return undefined, undefined, nan
     x, y = (x - x.mean(axis=0)) / x.std(axis=0), (y - y.mean()) / y.std()
     coefficients, *_ = np.linalg.lstsq(x, y)
-    left = float(np.sum((y - x @ coefficients) ** 2))
-    errors = np.sqrt(left / (n - count - 1) * np.diag(np.linalg.pinv(x.T @ x)))
-    return coefficients.tolist(), errors.tolist(), 1.0 - left / n
+    residual = float(np.sum((y - x @ coefficients) ** 2))
+    errors = np.sqrt(residual / (n - count - 1) * np.diag(np.linalg.pinv(x.T @ x)))
+    return coefficients.tolist(), errors.tolist(), 1.0 - residual / n
 
 
 def text(figure: Figure, value: float) -> str:
-    """Return a figure as text without its unit; in words if it is not finite."""
+    """Return a figure [SI] as text in the unit shown, without the unit; in words if it is not finite."""
     if isfinite(value):
         return rounded(value * shown(figure.unit)[1], ".4g")
     if value * figure.bad > 0.0:
@@ -211,7 +213,7 @@ def text(figure: Figure, value: float) -> str:
 
 
 def _judged(summary: Summary) -> dict[str, Any]:
-    """Return the requirements with the numbers of samples that meet them, for JSON; empty if there are none."""
+    """Return the requirements with the numbers of samples that meet them, for JSON; empty without requirements."""
     if not summary.chances:
         return {}
     *each, together = ({"met": c.met, "samples": c.samples, "share": c.share, "low": c.interval[0],

@@ -1,1 +1,1 @@
-"""Parameters from bench measurements, chapter 3 of Yerlikaya (2016): friction, drive, backlash, inertia."""
+"""Identify parameters from bench measurements (Yerlikaya 2016, chapter 3), and calibrate any actuator to records."""

@@ -1,11 +1,11 @@
-"""Calibration: parameters of any actuator from records of its inputs and outputs, by the error of simulation.
+"""Calibration: fit parameters of any actuator to records of its inputs and outputs, by the error of simulation.
 
-A record's inputs drive the simulation, its outputs are compared. Unknown are the free parameters, the fin angle at the
-start of each record and, if wanted, the delay of each measured output.
+A record's inputs drive the simulation, and its outputs are compared. The unknowns are the free parameters, the initial
+fin angle of each record and, on request, the delay of each measured output.
 
-Quantisation of measured angles makes the response a rough function of the parameters, with many minima of the error.
-Therefore the mean response from several starts close together is compared, which is less rough, and the fit ends where
-the error is orthogonal to the derivatives without quantisation, as it is at the true parameters.
+Quantisation of measured angles makes the response a rough function of the parameters, and the error has many minima.
+Therefore the fit compares the mean response from several close initial angles, which is less rough. It ends where the
+error is orthogonal to the derivatives without quantisation, as at the true parameters.
 """
 
 from __future__ import annotations
@@ -34,28 +34,30 @@ from .unknowns import Unknown, free_parameters
 
 METHOD = ("simulation error over all records, weighted by the noise of each output; 1 sigma from the covariance scaled "
           "by the residuals, by their autocorrelation time and by their correlation among outputs")
-_CANDIDATES, _TRIED = 64, 3  # starting points that are simulated, and those of them from which is fitted
-_EVALUATIONS, _STEPS = 30, 24  # from each of these; of Gauss and Newton afterwards
-_MEAN = 10  # samples, of which means are fitted first: a controller's change at every sample has many minima
+_CANDIDATES, _TRIED = 64, 3  # starting points that are simulated, and the number of them from which a fit starts
+_EVALUATIONS, _STEPS = 30, 24  # most evaluations of each of these fits; most Gauss-Newton steps of the last fit
+_MEAN = 10  # samples whose means are fitted first: a controller that reacts at every sample causes many minima
 _FAINT = 1e-6  # weight of the prior in the fits from starting points, which only need to end near the result
-_OPPOSITE = -0.5  # correlation of measured and simulated values that no parameters explain
-_STILL = 1e-3  # ratio of their deviations, simulated to measured, without an input
-_WIDE, _RATIO = 30.0, 5.0  # the same with a wrong unit, or its inverse, before and after parameters are found
-_FLAT, _BEYOND = 6, 3.0  # equal samples at the extreme, and by how many deviations the simulation exceeds them
-_POOR = 0.05  # share of a measured deviation, without noise, that a good model leaves at most; fits of 95 % and more
-_DRIFT, _CERTAIN = 5e-4, 6.0  # smallest relative drift of a clock that is reported; in sigmas
-_OPEN, _PART = 0.5, 0.3  # share of a prior's variance that is left; of the largest effect, of a parameter that is named
-_CONTRADICTED = 4.0  # sigmas: of 16,000 priors one is
-_AT_BOUND = 1e-3  # of the interval between the bounds
+_OPPOSITE = -0.5  # correlation of measured and simulated values, below which a sign is wrong
+_STILL = 1e-3  # ratio of simulated to measured deviation, below which an input is missing
+_WIDE, _RATIO = 30.0, 5.0  # this ratio, or its inverse, above which a unit is wrong: before and after the first fits
+_FLAT, _BEYOND = 6, 3.0  # clipping: equal samples at the extreme; deviations by which the simulation exceeds them
+_POOR = 0.05  # largest share of a measured deviation, without noise, that a good model leaves; fits of 95 % and more
+_DRIFT, _CERTAIN = 5e-4, 6.0  # smallest clock drift that is reported: relative, and in sigmas
+# A combination is undetermined if this share of the prior's variance is left; the message names parameters with this
+# share of the largest effect.
+_OPEN, _PART = 0.5, 0.3
+_CONTRADICTED = 4.0  # sigmas from the prior that count as a contradiction: by chance, one of 16,000 priors
+_AT_BOUND = 1e-3  # distance to a bound that counts as at the bound: share of the interval between the bounds
 
 
 @dataclass(frozen=True)
 class Calibration(Identification):
     """The result of a calibration.
 
-    `calibrated` is the base set with the estimates, `comparisons` are of all records, `undetermined` lists combinations
-    of parameters that the records do not determine, `at_bound` the parameters at a bound; `stopped` by Ctrl-C.
-    `faults` say in a line each what is wrong with a record.
+    `calibrated` is the base set with the estimates; `comparisons` has those of all records. `undetermined` lists
+    combinations of parameters that the records do not determine, `at_bound` the parameters at a bound. `stopped` says
+    that Ctrl-C ended the fit. `faults` are messages on the fit, the priors and the records, one line each.
     """
 
     calibrated: ParameterSet
@@ -69,24 +71,24 @@ class Calibration(Identification):
 
     @property
     def problems(self) -> list[str]:
-        """Where the fit ended, what the records leave open, and what is wrong with them, a line each."""
-        lines = ["stopped before the end of the fit: these are the best values until then"] if self.stopped else []
+        """Messages, one line each: an early end, undetermined parameters, parameters at bounds, and the `faults`."""
+        lines = ["stopped before the end of the fit: these are the best values so far"] if self.stopped else []
         for names in self.undetermined:
-            what = names[0] if len(names) == 1 else f"a combination of {', '.join(names)}"
-            lines.append(f"not determined: the records say little more of {what} than the bounds do; keep all but one "
-                         "at known values, give a prior, or excite more")
-        lines += [f"{name} is at a bound: what fits best may lie beyond; give wider bounds, or look for what is missing"
+            unknown = names[0] if len(names) == 1 else f"a combination of {', '.join(names)}"
+            lines.append(f"not determined: the records say little more about {unknown} than the bounds do; keep "
+                         "all but one at known values, give a prior, or excite more")
+        lines += [f"{name} is at a bound: the best value may be beyond; give wider bounds, or look for a missing effect"
                   for name in self.at_bound]
         return [*lines, *self.faults]
 
     @property
     def used(self) -> list[tuple[Record, str]]:
-        """The records, and what each is used for."""
+        """The records, each with its use."""
         return list({c.record.sha256: (c.record, c.use) for c in self.comparisons}.values())
 
     @property
     def noise(self) -> list[dict[str, Any]]:
-        """Standard deviation, number and correlation time of the residuals of each output of each fitted record."""
+        """Standard deviation, number and correlation time [samples] of residuals, by output and fitted record."""
         fitted = [c for c in self.comparisons if not c.held_out]
         return [{"file": c.record.name, "output": c.variable.name, "residual": float(deviation),
                  "unit": c.variable.unit, "residuals": count, "correlation_time": float(time)}
@@ -95,7 +97,7 @@ class Calibration(Identification):
 
     @property
     def measured(self) -> list[MeasuredRecord]:
-        """The records with their use and the error of simulation of each output."""
+        """The records with their use and the simulation error of each output."""
         return [MeasuredRecord("", record.name, record.sha256, "; ".join([use, *(
             f"{c.variable.name} rms {c.figures['rms']:.3g} {c.unit}, largest {c.figures['largest']:.3g} {c.unit}"
             for c in self.comparisons if c.record.sha256 == record.sha256)])) for record, use in self.used]
@@ -111,24 +113,24 @@ class Calibration(Identification):
 def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], hold_out: Sequence[Path] = (),
               compare: Sequence[str] = (), priors: Sequence[str] = (), delays: bool = False, robust: bool = False,
               seed: int = 1, progress: Progress = silent) -> Calibration:
-    """Find parameters with which an actuator follows records, and judge them on the records held out.
+    """Fit parameters of an actuator to records, and judge them by the records in `hold_out`.
 
-    One among `paths` that is also in `hold_out` is not fitted. A record is a CSV file of ``time`` and columns of
-    the actuator's inputs and outputs with their units; `compare` chooses among its outputs. `free` and `priors` are
-    texts as of :func:`.unknowns.free_parameters`. `delays` frees the delay of each measured output; `robust` counts
-    large errors in proportion (soft L1), as of stick and slip. The fit begins at the base set and at the best of
-    random points between the bounds (`seed`). Ctrl-C ends it at the best point so far. Raises RecordError,
-    EmcasError.
+    A file in `paths` that is also in `hold_out` is not fitted. A record is a CSV file with ``time`` and columns of the
+    actuator's inputs and outputs, with their units; `compare` chooses among the outputs. For the texts `free` and
+    `priors` see :func:`.unknowns.free_parameters`. With `delays` the delay of each measured output is fitted. With
+    `robust` large errors, as from stick and slip, are weighted in proportion to their size (soft L1). The fit starts at
+    the base set and at the best of random points between the bounds (`seed`). Ctrl-C ends it at the best point so far.
+    Raises RecordError for a record that cannot be used, EmcasError for other arguments.
     """
     unknown = free_parameters(base, free, priors)
     apart = {path.resolve() for path in hold_out}
     fitted = [path for path in paths if path.resolve() not in apart]
-    require(fitted or not paths, f"{paths[0] if paths else ''}: is held out, and no other record is left to fit")
+    require(fitted or not paths, f"{paths[0] if paths else ''}: is held out, and there is no other record to fit")
     records, outputs = read(fitted, base, compare)
     others = read(hold_out, base, [v.name for v in outputs])[0] if hold_out else []
     for record in others:
         require(record.sha256 not in {r.sha256 for r in records}, f"{record.path}: has the contents of a record that "
-                "is fitted; a record that is held out must be another")
+                "is fitted; hold out a different record")
     replay = Replay(base, unknown, records, outputs, delays)
     _require_plausible(replay, replay.residuals(np.array([[u.start for u in replay.unknowns]]))[0], _WIDE)
     search = _Search(replay, seed, progress)
@@ -144,10 +146,10 @@ def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], ho
     at_bound = [u.name for u, x in zip(unknown, fit.values)
                 if min(x - u.lower, u.upper - x) < _AT_BOUND * (u.upper - u.lower)]
     notes = [*use([*records, *others], base, outputs),
-             f"Residuals are correlated over {fit.times.min():.3g} to {fit.times.max():.3g} samples; white noise has "
-             f"1. Without white noise they are up to {100.0 * max(c.unexplained for c in comparisons):.2g} % of a "
-             "measured deviation. Longer times and larger shares show what the model lacks; the uncertainties account "
-             "for it, but not for parameters that are wrong and not free."]
+             f"Residuals are correlated over {fit.times.min():.3g} to {fit.times.max():.3g} samples; for white noise "
+             f"it is 1. Without it they are up to {100.0 * max(c.unexplained for c in comparisons):.2g} % of a "
+             "measured deviation. Longer times and larger shares show that the model lacks an effect; the "
+             "uncertainties account for it, but not for fixed parameters that are wrong."]
     faults = [*search.unsettled(), *_contradicted(fit, unknown), *replay.moving(fit.values, others),
               *_poor(comparisons), *_faults(replay, fit), *misspelt([*records, *others], base)]
     return Calibration(
@@ -157,11 +159,11 @@ def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], ho
 
 
 def _undetermined(fit: Fit, free: Sequence[Unknown]) -> Iterator[tuple[str, ...]]:
-    """Yield combinations of parameters of which the records say little, by the names that have a share in them.
+    """Yield combinations of parameters that the records hardly determine, as the names of the main parameters.
 
-    They are eigenvectors of the covariance relative to that of the priors. A parameter's share is its effect on the
-    simulation along the eigenvector: parameters that the records cannot tell apart have equal shares, whatever their
-    sizes.
+    The combinations are eigenvectors of the covariance relative to that of the priors. A parameter's part is its effect
+    on the simulation along the eigenvector: parameters that the records cannot distinguish have equal parts, whatever
+    their sizes.
     """
     count, spread = len(free), np.array([u.sigma for u in free])
     shares, directions = np.linalg.eigh(fit.covariance[:count, :count] / np.outer(spread, spread))
@@ -172,7 +174,7 @@ def _undetermined(fit: Fit, free: Sequence[Unknown]) -> Iterator[tuple[str, ...]
 
 
 class _Search:
-    """The point of the smallest error from several starting points, `best`, and the fit from there."""
+    """The search from several starting points for the point of smallest error, `best`, and the fit from there."""
 
     def __init__(self, replay: Replay, seed: int, progress: Progress) -> None:
         self._replay, self._progress = replay, progress
@@ -200,7 +202,7 @@ class _Search:
             self.stopped = True
 
     def fit(self, near: Stretches, robust: bool) -> Fit:
-        """Return the fit from the best point, or at it if Ctrl-C stops the work; `near` are the residuals there."""
+        """Return the fit from the best point, or the fit at it after Ctrl-C; `near` are the residuals at that point."""
         owners, count = self._replay.owners, len(self._units)
         self._units = np.array([float(np.sqrt(np.mean(np.concatenate(near[j::count]) ** 2))) or 1.0
                                 for j in range(count)])
@@ -223,29 +225,30 @@ class _Search:
                        deviations=fit.deviations * units)
 
     def unsettled(self) -> Iterator[str]:
-        """Yield the unknown that still changes most, unless the fit was stopped."""
-        left, name = max(zip(self._left, (u.name for u in self._replay.unknowns), strict=True))
-        if left >= SETTLED and not self.stopped:
-            yield (f"not settled: {name} still changes by {left:.2g} sigma a step after {_STEPS} steps: values are "
-                   "less certain than stated; compare only what sensors measure, give narrower bounds, or free less")
+        """Yield a message on the unknown that changes most in the last step, if the fit has not settled."""
+        step, name = max(zip(self._left, (u.name for u in self._replay.unknowns), strict=True))
+        if step >= SETTLED and not self.stopped:
+            yield (f"not settled: {name} still changes by {step:.2g} sigma per step after {_STEPS} steps: values are "
+                   "less certain than stated; compare only measured outputs, give narrower bounds, or free fewer "
+                   "parameters")
 
     def _descend(self, residuals: Callable[[Array], Array], start: Array, **options: Any) -> tuple[Array, Array]:
-        """Return parameters and Jacobian of `descend`, and keep how far it is from its end."""
+        """Return parameters and Jacobian of `descend`, and store its last step."""
         values, jacobian, self._left = descend(residuals, start, bounds=self._bounds, **options)
         return values, jacobian
 
     def _scaled(self, points: Array, smooth: bool = False) -> list[Stretches]:
-        """Return residuals over the unit of their output, and keep the point of the smallest error."""
-        found = self._replay.residuals(points, smooth)
-        for point, stretches in zip(points, found, strict=True) if not smooth else ():
+        """Return residuals divided by the unit of their output, and store the point of the smallest error."""
+        residuals = self._replay.residuals(points, smooth)
+        for point, stretches in zip(points, residuals, strict=True) if not smooth else ():
             cost = sum(float(np.mean(r**2)) / s**2 for r, s in zip(stretches, self._deviations, strict=True))
             if cost < self._lowest:
                 self.best, self._lowest = point, cost
         return [[r / self._units[j] for r, (_, j) in zip(stretches, self._replay.owners, strict=True)]
-                for stretches in found]
+                for stretches in residuals]
 
     def _relative(self, points: Array, smooth: bool = False, samples: int = 1) -> Array:
-        """Return means over `samples` of residuals over measured deviations, from points relative to their sizes."""
+        """Return residuals over measured deviations, averaged over `samples`; points are relative to their sizes."""
         return np.array([np.concatenate([
             *(mean / (s * sqrt(len(mean))) for r, s in zip(stretches, self._deviations, strict=True)
               for mean in (r[:len(r) // samples * samples].reshape(-1, samples).mean(axis=1),)),
@@ -256,8 +259,8 @@ class _Search:
 def _require_plausible(replay: Replay, residuals: Stretches, largest: float) -> None:
     """Raise RecordError for a column that no parameters explain: its sign or unit is wrong, or an input is missing.
 
-    `residuals` are those at one point; `largest` is the ratio of measured to simulated deviations, or its inverse, up
-    to which nothing is wrong.
+    `residuals` belong to one point; `largest` is the largest plausible ratio of measured to simulated deviations, or of
+    its inverse.
     """
     for r, (i, j) in zip(residuals, replay.owners, strict=True):
         record, v = replay.records[i], replay.outputs[j]
@@ -266,71 +269,72 @@ def _require_plausible(replay: Replay, residuals: Stretches, largest: float) -> 
         size, expected = float(np.std(measured)), float(np.std(simulated))
         if not size:
             continue
-        record.require(expected > _STILL * size, f"{v.name} varies, the simulated one hardly: a column of an input is "
-                       f"missing or constant; used were {', '.join(record.columns)}")
+        record.require(expected > _STILL * size, f"{v.name} varies, but hardly in simulation: an input's column is "
+                       f"missing or constant; the columns used are {', '.join(record.columns)}")
         agreement = float(np.corrcoef(measured, simulated)[0, 1])
-        record.require(agreement > _OPPOSITE, f"{v.name} changes against the simulated one (correlation "
-                       f"{agreement:.2f}): its sign, or that of an input, is the opposite; change it in the file")
+        record.require(agreement > _OPPOSITE, f"{v.name} is opposite to its simulation (correlation "
+                       f"{agreement:.2f}): its sign, or that of an input, is wrong; change it in the file")
         record.require(1.0 / largest < size / expected < largest, f"{v.name} varies by {size:.3g} {v.unit or '1'} (1 "
-                       f"sigma), the simulated one by {expected:.3g}: it was read as {record.units[v.name]}; put the "
-                       f"unit that it has into the header, as in {v.name} [{v.unit}]; otherwise give wider bounds")
+                       f"sigma), its simulation by {expected:.3g}: it was read as {record.units[v.name]}; write its "
+                       f"unit into the header, as in {v.name} [{v.unit}]; if the unit is right, give wider bounds")
 
 
 def _contradicted(fit: Fit, free: Sequence[Unknown]) -> Iterator[str]:
-    """Yield parameters of which the records say something else than the prior.
+    """Yield a message for each parameter whose prior the records contradict.
 
-    The estimate is a weighted mean of both, so that its distance from the prior has the variance by which the prior's
-    is above its own.
+    The estimate is a weighted mean of the prior and the records. The variance of its distance from the prior is the
+    prior's variance minus the estimate's.
     """
     for u, value, sigma in zip(free, fit.values, fit.sigmas):
         if u.known and (value - u.mean) ** 2 > _CONTRADICTED**2 * max(u.sigma**2 - sigma**2, 0.01 * u.sigma**2):
             yield (f"{u.name} = {value:.6g} {u.unit} lies {abs(value - u.mean) / u.sigma:.2g} sigma of its prior from "
-                   f"{u.mean:.6g}, which the records contradict: correct the prior, or look for what the model lacks")
+                   f"{u.mean:.6g}, which the records contradict: correct the prior, or look for an effect that the "
+                   "model lacks")
 
 
 def _poor(comparisons: Sequence[Comparison]) -> Iterator[str]:
-    """Yield outputs that differ from the simulation by more than their noise and a small share of their deviation."""
+    """Yield a message for each output whose error without noise exceeds a small share of its deviation."""
     for c in comparisons:
         if c.unexplained > _POOR:
             yield (f"{c.record.name}: {c.variable.name} ({c.use}) is explained poorly: {100.0 * c.unexplained:.0f} % "
-                   "of its deviation is left in addition to noise; look for a wrong input, unit or fixed value, free "
-                   "more, try another seed, or choose a model that has what is missing")
+                   "of its deviation remains in addition to noise; look for a wrong input, unit or fixed value, free "
+                   "more parameters, try another seed, or choose a model with the missing effect")
 
 
 def _faults(replay: Replay, fit: Fit) -> Iterator[str]:
-    """Yield what is wrong with columns: a measuring range that ended, a clock that drifts."""
+    """Yield a message for each fault of a column: a measuring range that is too small, or a clock that drifts."""
     for r, time, (i, j) in zip(fit.residuals, fit.times, replay.owners, strict=True):
         record, v = replay.records[i], replay.outputs[j]
         measured = record[v.name]
         for extreme, sign in ((measured.max(), 1.0), (measured.min(), -1.0)):
-            at = measured == extreme
-            beyond = sign * float(np.mean(r[at]))
-            flat = not at.all() and longest(at) >= _FLAT
-            if flat and beyond > _BEYOND * float(np.std(r[~at])):
+            extremes = measured == extreme
+            excess = sign * float(np.mean(r[extremes]))
+            flat = not extremes.all() and longest(extremes) >= _FLAT
+            if flat and excess > _BEYOND * float(np.std(r[~extremes])):
                 yield (f"{record.name}: {v.name} is clipped at {extreme:.6g} {v.unit}, which the simulation exceeds by "
-                       f"{beyond:.3g}: widen the range of the measurement, or cut the file")
+                       f"{excess:.3g}: widen the range of the measurement, or cut the file")
         drift, sigma = _drift(measured + r, r, record.step, time)
         if abs(drift) > max(_DRIFT, _CERTAIN * sigma):
             yield (f"{record.name}: the clock of {v.name} drifts by {100.0 * drift:.2g} % (1 sigma {100.0 * sigma:.1g} "
-                   "%) against that of the inputs: log both by one clock")
+                   "%) against that of the inputs: log both with one clock")
 
 
 def _drift(simulated: Array, error: Array, step: float, time: float) -> tuple[float, float]:
-    """Return the relative drift of a measurement's clock, and its 1 sigma, from the error of simulation.
+    """Return the relative drift b of a measurement's clock, and its 1 sigma, from the error of simulation.
 
-    A measurement that is late by d + b t differs by (d + b t) dy/dt; an offset is fitted as well. `time` [samples] is
-    the correlation time of the error.
+    A measurement that is late by d + b t has the error (d + b t) dy/dt; an offset is also fitted. `step` [s] is the
+    sample interval, `time` [samples] the correlation time of the error.
     """
     slope = np.gradient(simulated, step)
-    at = step * np.arange(len(simulated))
-    inverse = np.linalg.pinv(np.stack([at * slope, slope, np.ones(len(at))], axis=1))
-    found = inverse @ error
-    left = error - found[0] * at * slope - found[1] * slope - found[2]
-    return float(found[0]), float(np.std(left)) * sqrt(time) * float(np.linalg.norm(inverse[0]))
+    elapsed = step * np.arange(len(simulated))
+    inverse = np.linalg.pinv(np.stack([elapsed * slope, slope, np.ones(len(elapsed))], axis=1))
+    drift, delay, offset = inverse @ error
+    residual = error - drift * elapsed * slope - delay * slope - offset
+    return float(drift), float(np.std(residual)) * sqrt(time) * float(np.linalg.norm(inverse[0]))
 
 
 def _drawings(compared: Sequence[Comparison], fit: Fit) -> Iterator[Drawing]:
-    """Yield a picture of each record, measured and simulated, and one of the residuals of those that were fitted."""
+    """Yield a picture of each record, measured and simulated, and one of the residuals of the fitted records."""
     for (name, purpose), group in groupby(compared, key=lambda c: (c.record.name, c.use)):
         panels_of = list(group)
         elapsed = panels_of[0].record["time"] - panels_of[0].record["time"][0]

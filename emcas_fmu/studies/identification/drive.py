@@ -1,13 +1,13 @@
-"""The current-mode drive from records of its reference and current, section 3.2.2.
+"""Identify the current-mode drive from records of its reference and current (section 3.2.2).
 
 The current loop, (2.46) with its PI controller, is linear while neither current nor voltage is limited:
 
     L di/dt = K_p (i_ref - i) + xi - R i - K_e w        dxi/dt = K_i (i_ref - i)        i_ref = K_v u(t - T_d) + i_off
 
-A row's reference is held until the next row, as by a DAC, and arrives T_d later, in general between two rows: the exact
-discretisation is split there (modified z-transform), so that the delay is resolved to a fraction of the sample
-interval. The gain right after a step is K_v K_p/(R + K_p) and creeps towards K_v with the slow mode of the integral:
-fast records determine delay and K_p, slow ones K_v and K_i.
+A row's reference is constant until the next row, as from a DAC, and arrives T_d later, in general between two rows. The
+exact discretisation is split at that time (modified z-transform): the delay is resolved to a fraction of the sample
+interval. Right after a step the gain is K_v K_p/(R + K_p), then it creeps towards K_v with the slow mode of the
+integral: fast records determine delay and K_p, slow records K_v and K_i.
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ EXPERIMENT = Experiment(
 NAMES = ("drive.current_gain", "drive.current_offset", "drive.transport_delay", "drive.kp", "drive.ki")
 GAIN, OFFSET, DELAY, KP, KI = range(5)
 
-FAST = 10.0  # fewest samples of a fast record in the delay
-LONGEST_DELAY = 0.1  # s, of the parameter's range
+FAST = 10.0  # smallest number of samples of the fastest record within the delay
+LONGEST_DELAY = 0.1  # s, upper limit of the parameter
 FEWEST_LEVELS = 3
-_SLOWEST = 1e-3  # s between the samples of a fast record: longer than any current loop's time constant
-_LENGTH = 0.1  # share of the integral's time that the longest record must last
-_SETTLED = 5e-3  # s after an arrival from which a slow record counts again: it cannot show the transient
-_WORST = 0.25  # largest relative 1 sigma of gain, delay or K_p of an answer
-_STEP = 8.0  # deviations of its noise by which a reference changes level
+_SLOWEST = 1e-3  # s, longest sample interval of a fast record: longer than any current loop's time constant
+_LENGTH = 0.1  # shortest duration of the longest record, as a share of the integral's time constant
+_SETTLED = 5e-3  # s after the arrival of a step that are left out of slow records, which cannot show the transient
+_WORST = 0.25  # largest relative 1 sigma of gain, delay and K_p in a result
+_STEP = 8.0  # smallest change of a reference that counts as a step, in standard deviations of its noise
 
 
 class _Run(NamedTuple):
-    """A record with its reference [V] and current [A], the mask of its rows in the fit, and the index of its initial
-    integral [V] in the fit's values."""
+    """A record with its reference [V] and current [A], the mask of its fitted rows, and the index of its initial
+    integral [V] among the fitted values."""
 
     record: Record
     reference: Array
@@ -62,13 +62,13 @@ class _Run(NamedTuple):
         return self.record.step <= _SLOWEST
 
     def modelled(self, x: Array, values: Mapping[str, Any]) -> Array:
-        """Return the current [A] for the fit's values `x`."""
+        """Return the simulated current [A] for the fitted values `x`."""
         return response(x[:5], float(x[self.integral_index]), self.reference, self.record.columns.get("motor_speed"),
                         self.record.step, values)
 
 
 def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
-    """Identify the drive; records without motor_speed are of a clamped rotor. Raises RecordError."""
+    """Identify the drive; in records without motor_speed the rotor must be clamped. Raises RecordError."""
     records = read_records(paths, EXPERIMENT.required, EXPERIMENT.optional)
     values = base.values
     for record in records:
@@ -76,7 +76,7 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     fast = [r for r in records if r.step <= _SLOWEST]
     require(fast, "the sample rate is too low for the transport delay and the current loop: the fastest record has a "
             f"sample every {min(r.step for r in records) * 1e3:.3g} ms; log at least one record with steps of the "
-            f"reference every {_rise(values) * 1e3:.2g} ms or less (a few L/(R + Kp), and a tenth of the delay)")
+            f"reference, a sample every {_rise(values) * 1e3:.2g} ms or less, L/(R + Kp), and {FAST:g} in the delay")
     start = _delay(fast, values)
     _require_rate(start + 2.0 * _rise(values), min(r.step for r in fast))
     runs = [_Run(record, record["drive_reference"], record["motor_current"], _used(record, start), 5 + k)
@@ -91,10 +91,10 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
 
 def response(parameters: Any, initial: float, reference: Array, speed: Array | None, step: float,
              values: Mapping[str, Any]) -> Array:
-    """Return the linear loop's current [A] at each row, for the rows' reference [V] and motor speed [rad/s] or None.
+    """Return the linear loop's current [A] at each row, for reference [V] and motor speed [rad/s] (None: clamped).
 
-    `parameters` are K_v [A/V], i_off [A], T_d [s], K_p [V/A] and K_i [V/(A.s)]; the loop starts at rest with
-    xi = `initial` [V]. Rows are `step` [s] apart.
+    `parameters` are K_v [A/V], i_off [A], T_d [s], K_p [V/A] and K_i [V/(A.s)]; the loop starts in steady state with
+    xi = `initial` [V]. Rows are `step` [s] apart. `values` has the motor's parameters.
     """
     gain, offset, delay, kp, ki = parameters
     p = nonlinear.ACTUATOR.namespace({**values, "drive.current_gain": gain, "drive.current_offset": offset})
@@ -120,7 +120,7 @@ def response(parameters: Any, initial: float, reference: Array, speed: Array | N
 
 
 def _held(a: Array, b: Array, time: float) -> tuple[Array, Array]:
-    """Return the transition matrix over `time` [s], and the effect of a constant input."""
+    """Return the transition matrix over `time` [s], and the effect of a constant unit input."""
     transition, added, *_ = cont2discrete((a, b[:, None], np.eye(2), np.zeros((2, 1))), time)
     return transition, added[:, 0]
 
@@ -128,7 +128,7 @@ def _held(a: Array, b: Array, time: float) -> tuple[Array, Array]:
 def _first_state(phi: Array, start: Array, pushed: Array) -> Array:
     """Return the first component of x_k+1 = phi x_k + pushed_k, by its difference equation."""
     trace, determinant = float(np.trace(phi)), float(np.linalg.det(phi))
-    # (z^2 - trace z + det) x = adj(z - phi) pushed: the first row of it.
+    # First row of (z^2 - trace z + det) x = adj(z - phi) pushed.
     total = np.concatenate([start[:1], pushed[:-1, 0]])
     before = np.concatenate([start[None], pushed[:-2]])
     total[1:] += phi[0, 1] * before[:, 1] - phi[1, 1] * before[:, 0]
@@ -137,12 +137,12 @@ def _first_state(phi: Array, start: Array, pushed: Array) -> Array:
 
 
 def _rise(values: Mapping[str, Any]) -> float:
-    """Return the time constant [s] of the current loop, the longest sample interval of a fast record."""
+    """Return the time constant [s] of the current loop."""
     return float(values["motor.inductance"] / (values["motor.resistance"] + values["drive.kp"]))
 
 
 def _check(record: Record, values: Mapping[str, Any]) -> None:
-    """Raise RecordError for a record that is clipped or saturated, of implausible magnitude or without a step."""
+    """Raise RecordError for a record that is clipped or saturated, has an implausible magnitude or no step."""
     refuse_magnitude(record, "drive_reference", 1.1 * values["drive.reference_limit"],
                      "1.1 times drive.reference_limit")
     refuse_magnitude(record, "motor_current", 2.0 * values["drive.current_limit"], "2 times drive.current_limit")
@@ -150,16 +150,16 @@ def _check(record: Record, values: Mapping[str, Any]) -> None:
     for name, limit, share in (("drive_reference", "drive.reference_limit", 0.999),
                                ("motor_current", "drive.current_limit", 0.98)):
         reached = np.abs(record[name]).max()
-        record.require(reached <= share * values[limit], f"{name} is saturated: it reaches {reached:.3g} of {limit} = "
+        record.require(reached <= share * values[limit], f"{name} is saturated: it reaches {reached:.3g} and {limit} = "
                        f"{values[limit]:g}; excite less")
     reference = record["drive_reference"]
     record.require(np.ptp(reference) >= 20.0 * _noise(reference), "drive_reference hardly moves "
-                   f"({np.ptp(reference):.3g} V): the current has no step to follow; step it, over a few tenths of a "
-                   "volt at least")
+                   f"({np.ptp(reference):.3g} V): there is no step for the current to follow; step it by at least a "
+                   "few tenths of a volt")
 
 
 def _noise(x: Array) -> float:
-    """Return the noise of a signal with occasional steps: robust deviation of its differences, always above 0."""
+    """Return the standard deviation of the noise of a signal with steps, robustly from its differences; above 0."""
     return float(median_abs_deviation(np.diff(x), scale="normal") / 2.0**0.5) + 1e-9
 
 
@@ -169,7 +169,7 @@ def _changes(reference: Array) -> Any:
 
 
 def _used(record: Record, delay: float) -> NDArray[np.bool_]:
-    """Return the mask of rows in the fit: all of a fast record, of a slow one those without a transient."""
+    """Return the mask of fitted rows: all rows of a fast record, and the rows of a slow one outside transients."""
     used = np.ones(len(record), dtype=bool)
     if record.step > _SLOWEST:
         after = int(np.ceil((delay + _SETTLED) / record.step)) + 1
@@ -179,7 +179,7 @@ def _used(record: Record, delay: float) -> NDArray[np.bool_]:
 
 
 def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
-    """Return an initial delay [s]: the shift of the reference that explains the current best, over the fast records."""
+    """Return an initial delay [s]: the shift with which the reference explains the current best, less the rise time."""
     step = min(r.step for r in fast)
     shifts = np.arange(0.0, min(LONGEST_DELAY, 0.5 * min(len(r) * r.step for r in fast)), step)
     unexplained = np.zeros(len(shifts))
@@ -198,31 +198,31 @@ def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
 
 
 def _require(runs: Sequence[_Run], delay: float, values: Mapping[str, Any]) -> None:
-    """Raise RecordError if the records lack levels or length, or if their slopes are far from the base set's gain."""
+    """Raise RecordError for too few levels or too short records, or slopes far from the base set's gain."""
     levels = distinct(np.concatenate([run.reference[run.used] for run in runs]), 0.05)
     require(len(levels) >= FEWEST_LEVELS and min(levels) < 0.0 < max(levels),
             f"the reference has {len(levels)} level(s) ({min(levels):.3g} to {max(levels):.3g} V): gain and offset "
-            f"need at least {FEWEST_LEVELS}, of both signs")
+            f"need at least {FEWEST_LEVELS} levels, of both signs")
     late = [run.record.late(run.reference, delay + _rise(values)) for run in runs]
     slopes = [float(np.polyfit(x[run.used], run.current[run.used], 1)[0]) for x, run in zip(late, runs, strict=True)]
     for run, slope in zip(runs, slopes, strict=True):
         rises = f"motor_current rises by {slope:.4g} A per volt of drive_reference"
         run.record.require(slope > 0.0, f"motor_current falls with drive_reference ({slope:.3g} A/V): one of them has "
-                           "the wrong sign")
+                           "the wrong sign; change it in the file")
         run.record.require(0.1 < slope / values["drive.current_gain"] < 10.0,
-                           f"{rises}, {slope / values['drive.current_gain']:.3g} times what the base parameters say: "
-                           "check the units of both in the header")
+                           f"{rises}, {slope / values['drive.current_gain']:.3g} times the gain in the base set: "
+                           "check the units of both columns in the header")
         run.record.require(0.6 < slope / slopes[0] < 1.7, f"{rises}, but by {slopes[0]:.4g} in {runs[0].record.name}: "
-                           "check the units of both files' headers, and that they are of one drive")
+                           "check the units in both files' headers, and that both records are from one drive")
     if values["drive.ki"] <= 0.0:
         return
-    # A record much shorter than the integral's time shows the proportional action only, as if it were the whole.
+    # A record much shorter than the integral's time constant shows the proportional action only.
     slow = (values["motor.resistance"] + values["drive.kp"]) / values["drive.ki"]
     longest = max(len(r.record) * r.record.step for r in runs)
     require(longest >= _LENGTH * slow, f"the longest record lasts {longest:.3g} s, but by the base parameters the "
-            f"drive's integral needs (R + Kp)/Ki = {slow:.3g} s to act: gain and Ki cannot be distinguished from it. "
-            f"Add a slow staircase of {_LENGTH * slow:.3g} s or more, or give base parameters whose drive.ki is nearer "
-            "the truth (0: no integral)")
+            f"drive's integral has the time constant (R + Kp)/Ki = {slow:.3g} s: gain and Ki cannot be distinguished. "
+            f"Add a slow staircase of {_LENGTH * slow:.3g} s or more, or give base parameters with a better drive.ki "
+            "(0: no integral)")
 
 
 def _fit(runs: Sequence[_Run], start: float, values: Mapping[str, Any]) -> Fit:
@@ -238,7 +238,7 @@ def _fit(runs: Sequence[_Run], start: float, values: Mapping[str, Any]) -> Fit:
         x = np.maximum(x, lowest)
         return [(r.current - r.modelled(x, values))[r.used] for r in runs]
 
-    # Far from the delay the sum of squares is flat: the fit begins at the best of a few delays and values of kp.
+    # Far from the true delay the sum of squares is flat: the fit begins at the best of a few delays and values of kp.
     starts = [np.array([slope * (1.0 + values["motor.resistance"] / kp), offset, delay, kp, values["drive.ki"],
                         *initial])
               for delay in start + np.array([0.0, 0.5, 1.0, 1.5]) * _rise(values)
@@ -253,16 +253,16 @@ def _require_rate(delay: float, step: float) -> None:
 
 
 def _require_answer(parameters: Sequence[Estimate], fit: Fit, runs: Sequence[_Run], values: Mapping[str, Any]) -> None:
-    """Raise RecordError for estimates that are too uncertain or that follow from a limited voltage."""
+    """Raise RecordError for estimates that are too uncertain, or depend on a limited voltage."""
     gain, _, delay, kp, ki = parameters
     identified = {**values, **{e.name: e.value for e in parameters}}
     step, rise = min(r.record.step for r in runs), _rise(identified)
     _require_rate(delay.value, step)
-    require(rise >= 0.7 * step, "the sample rate is too low for the current loop: the current settles within "
-            f"{rise * 1e3:.2g} ms, between two samples {step * 1e3:.2g} ms apart, so that delay and Kp cannot be "
+    require(rise >= 0.7 * step, "the sample rate is too low for the current loop: the current rises within "
+            f"{rise * 1e3:.2g} ms, between two samples {step * 1e3:.2g} ms apart, and delay and Kp cannot be "
             f"distinguished; log at {1.0 / rise:.3g} Hz or more")
-    require_certain((gain, delay, kp), _WORST, "record more and larger steps, fast logged")
-    require(ki.value >= -2.0 * ki.sigma, f"drive.ki comes out as {ki.value:.3g} V/(A.s), below 0: the "
+    require_certain((gain, delay, kp), _WORST, "record more and larger steps at a high sample rate")
+    require(ki.value >= -2.0 * ki.sigma, f"drive.ki is estimated as {ki.value:.3g} V/(A.s), below 0: the "
             "current creeps away from its reference; check that the winding did not heat up, and motor.resistance")
     p, x = nonlinear.ACTUATOR.namespace(identified), fit.values
     supply = float(values["drive.supply_voltage"])
@@ -270,8 +270,8 @@ def _require_answer(parameters: Sequence[Estimate], fit: Fit, runs: Sequence[_Ru
         i_ref = drive.current_reference(ARRAYS, p, run.record.late(run.reference, delay.value))
         demand = np.abs(drive.voltage_demand(p, i_ref, run.modelled(x, values), x[run.integral_index]))
         run.record.require(demand.max() <= supply, "the drive's voltage is saturated: the steps demand "
-                           f"{demand.max():.3g} V of a supply of {supply:g} V, so that their rise depends on the "
-                           f"supply and not on Kp; use steps below {0.9 * supply / (kp.value * gain.value):.2g} V")
+                           f"{demand.max():.3g} V from a supply of {supply:g} V, and their rise depends on the "
+                           f"supply instead of Kp; use steps below {0.9 * supply / (kp.value * gain.value):.2g} V")
 
 
 def _notes(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> Iterator[str]:
@@ -279,12 +279,12 @@ def _notes(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> Iterato
     resistance, inductance = values["motor.resistance"], values["motor.inductance"]
     slow = f"then {(resistance + kp) / ki:.3g} s for the integral" if ki > 0.0 else "without an integral"
     yield (f"The delay is {delay / min(r.record.step for r in runs):.2f} samples of the fastest record; it includes "
-           "any delay between the two channels of the logger, and counts from the first row of a new reference.")
+           "any delay between the two channels of the logger, and begins at the first row of a new reference.")
     yield (f"Current loop: {inductance / (resistance + kp) * 1e3:.3g} ms, {slow}; right after a step "
-           f"{kp / (resistance + kp):.1%} of the current demanded flow.")
+           f"{kp / (resistance + kp):.1%} of the demanded current flow.")
     yield "Kp scales with motor.inductance and motor.resistance, whose uncertainty is not included."
     if fit.sigmas[KI] > 0.3 * abs(ki):
-        yield "drive.ki is poorly known: hold the reference for a good part of the integral's time, slowly logged."
+        yield "drive.ki is uncertain: add a slow record with the reference constant for much of the integral's time."
     if not any("motor_speed" in r.record.columns for r in runs):
         yield "No record has motor_speed: the rotor was assumed clamped."
 
@@ -308,19 +308,19 @@ def _drawings(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> Iter
     yield pictures.panels(
         "Steps of the reference", steps or [("no single steps", [])], "time since the step of the reference [ms]",
         "share of the step",
-        "The larger steps of the fast records, scaled and laid over each other: the rise begins after the delay; its "
+        "The larger steps of the fast records, scaled and plotted together: the rise begins after the delay; its "
         "time constant is L/(R + Kp).")
     yield pictures.panels(
         "Steady current against reference", [("", lines)], "reference [V]", "motor current [A]",
-        "Slow records without transients; the line has the identified gain and offset. Points are off the line by the "
-        "part that the integral has not yet corrected.")
+        "Slow records without transients; the line has the identified gain and offset. The distance of a point from "
+        "the line is the error that the integral has not yet corrected.")
     # Records of a tenth of a second and of a minute share one axis.
     yield pictures.residuals([(r.record.name, (t := r.record["time"][r.used]) / t[-1]) for r in runs], fit,
                              "share of the record's time", "residual current [A]")
 
 
 def _steps(run: _Run, x: Array, values: Mapping[str, Any]) -> pictures.Series | None:
-    """Return all larger steps of a fast record over each other, as shares of the step against time [ms]."""
+    """Return the larger steps of a fast record, as shares of the step over time [ms]; None if there is none."""
     model, h, delay = run.modelled(x, values), run.record.step, x[DELAY] * 1e3
     before, after = int(0.3e-3 / h) + 1, int(1.2e-3 / h) + 1
     lag = int(x[DELAY] / h)

@@ -1,13 +1,13 @@
 """Weighted least squares whose covariance accounts for unequal noise of records and residuals correlated in time.
 
-A first fit gives each record's noise. Its residuals are weighted by that noise and by their autocorrelation time
-tau = 1 + 2 sum rho_k, at least that of white noise: n samples are worth n/tau independent ones. Records of few
-residuals share one tau, that of all of them, since each alone would be too uncertain. The sum ends at the first window
-of five tau (Sokal 1997, "Monte Carlo methods in statistical mechanics", section 3). The covariance is
-(sum J'J/(s^2 tau))^-1 with the records' residual variances s^2, degrees of freedom counted. Where residuals are
-simultaneous, as of outputs of one unit, the correlation of their sums over five tau is in the covariance, by the
-sandwich formula (White 1980): a signal in several forms counts once. That of a robust fit is Huber's (1981, section
-7.6), with the mean square of the influences of r/s and their mean slope.
+A first fit gives each record's noise. The record's residuals are weighted by this noise and by their autocorrelation
+time tau = 1 + 2 sum rho_k, at least that of white noise: n samples are worth n/tau independent ones. The sum ends at
+the first window of five tau (Sokal 1997, "Monte Carlo methods in statistical mechanics", section 3). Records with few
+residuals share one tau, since each alone would be too uncertain. The covariance is (sum J'J/(s^2 tau))^-1 with the
+records' residual variances s^2, corrected for degrees of freedom. If residuals are simultaneous, as those of several
+outputs of an actuator, the covariance includes the correlation of their sums over five tau by the sandwich formula
+(White 1980): a signal in several forms counts once. The covariance of a robust fit is Huber's (1981, section 7.6), with
+the mean square of the influences of r/s and their mean slope.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ METHOD = ("weighted least squares; 1 sigma from the covariance scaled by each fi
 Stretches = Sequence[Array]
 _WINDOW = 5.0
 _PASSES = 3
-_SUMS = 20  # sums of residuals, at least, from which a correlation is estimated
-_DIFFERENCE = 6e-6  # cube root of the rounding error, best for central differences
-# The same of simulations: a delay acts in thousandths of a sample; roughness must be small against the change.
+_SUMS = 20  # smallest number of sums of residuals from which a correlation is estimated
+_DIFFERENCE = 6e-6  # relative step of central differences: the cube root of the rounding error is best
+# The same for simulations: a delay acts in thousandths of a sample; roughness must be small against the change.
 _SMOOTH_DIFFERENCE, _ROUGH_DIFFERENCE = 3e-3, 3e-2
-# Of `descend`: its longest step, relative; the steps of a rough function of which it takes the mean; when these are
-# short, in sigmas; how often a step is halved, while it makes the squares larger than the lowest by this factor, which
-# is more than roughness does.
+# For `descend`: the longest relative step; the number of last steps that are averaged for a rough function; the size of
+# steps [sigma] at which the iteration ends; the most trials of a step, each half of the last, while the sum of squares
+# exceeds the lowest by a factor, which is larger than the effect of roughness.
 _LONGEST, _LAST, SETTLED, _HALVINGS, _WORSE = 0.3, 4, 0.2, 6, 1.1
-_ROUNDING = 1e-9  # of a parameter: records without noise leave no residuals
-_SIGMAS = 10.0  # of a difference: roughness of at most the noise then changes slopes by a twentieth
-_ENOUGH = 90  # residuals of a record whose autocorrelation time may be longer than that shared by small records
-_ALONE = 500  # residuals of a record that does not need the shared time
-_SINGULAR = 1e-10  # of the largest singular value: the accuracy of the Jacobian's differences
-# Noise estimated from few residuals may be much too small: a record's is at least this share of the median.
+_ROUNDING = 1e-9  # smallest relative sigma of a parameter: records without noise leave no residuals
+_SIGMAS = 10.0  # step of differences in sigmas: roughness up to the noise then changes slopes by a twentieth
+_ENOUGH = 90  # residuals from which a record has its own time if that is longer than the time that small records share
+_ALONE = 500  # residuals from which a record does not need the shared time
+_SINGULAR = 1e-10  # smallest relative singular value: the accuracy of the Jacobian's differences
+# Noise estimated from few residuals may be much too small: the noise of a record is at least this share of the median.
 _QUIETEST = 0.2
 
 
@@ -49,7 +49,8 @@ _QUIETEST = 0.2
 class Fit:
     """Estimated `values`, the first of which have `names`, with their `covariance`; the `residuals` of each stretch.
 
-    `owners` has the index of each stretch's record; `deviations` and correlation `times` [samples] are the records'.
+    `owners` has the index of each stretch's record. `deviations` and correlation `times` [samples] are those of the
+    records.
     """
 
     names: Sequence[str]
@@ -62,7 +63,7 @@ class Fit:
 
     @property
     def sigmas(self) -> Array:
-        """1-sigma uncertainties."""
+        """1-sigma uncertainties of the values."""
         sigmas: Array = np.sqrt(np.diag(self.covariance))
         return sigmas
 
@@ -93,7 +94,7 @@ def correlation_time(residuals: Sequence[Array]) -> float:
 
 
 def each(residuals: Callable[[Array], Stretches]) -> Callable[[Array], list[Stretches]]:
-    """Return a function of several points [points, parameters] from one that computes the residuals at one point."""
+    """Return a function of several points [points, parameters] from a function that returns residuals at one point."""
     return lambda points: [residuals(point) for point in points]
 
 
@@ -106,7 +107,7 @@ def _jacobian(residuals: Callable[[Array], Array], x: Array, difference: Array |
 
 
 def solve(residuals: Callable[[Array], Array], start: Array, **options: Any) -> tuple[Array, Array]:
-    """Return the least-squares parameters and the Jacobian there, for parameters of the order of one.
+    """Return the least-squares parameters and the Jacobian at them, for parameters of the order of one.
 
     `residuals` maps points [points, parameters] to residuals [points, residuals]; it is called with all points of the
     central differences at once. `options` are those of SciPy's least_squares, by default Levenberg and Marquardt's
@@ -125,25 +126,25 @@ def solve(residuals: Callable[[Array], Array], start: Array, **options: Any) -> 
 
 def descend(residuals: Callable[[Array], Array], start: Array, bounds: tuple[Array, Array], steps: int,
             smooth: Callable[[Array], Array] | None = None, ratios: Array | float = 0.0) -> tuple[Array, Array, Array]:
-    """Return the least-squares parameters, the Jacobian there, and the last step in sigmas, by Gauss and Newton.
+    """Return the least-squares parameters, the Jacobian at them, and the last step in sigmas, by Gauss-Newton steps.
 
-    Where residuals are a rough function of the parameters, their sum of squares has many minima, and differences of
-    them are noise; `smooth` is a function of nearly the same derivatives, that of a simulation. With these derivatives
-    Z as instruments, the steps lead to where Z'r = 0, which roughness of a share of the noise moves by that share of
-    1 sigma; the Jacobian is that of the residuals, projected on Z, whose covariance is that of instrumental variables
-    (Soderstrom and Stoica 1983, section 4). A step that makes the squares
-    larger is halved; after at most `steps` of them, or once they are short, their end is the mean of the last ones.
-    `ratios` are those of a residual over its noise to its value in `residuals`: where they are not 0, large residuals
-    count in proportion, as by soft L1 (Triggs et al. 2000, section 4). Other arguments are those of `solve`.
+    If residuals are a rough function of the parameters, their sum of squares has many minima, and their differences
+    are noise; `smooth` is then a smooth function with nearly the same derivatives. With these derivatives Z as
+    instruments, the steps lead to Z'r = 0. Roughness of a share of the noise moves this point by that share of 1 sigma.
+    The Jacobian is that of the residuals, projected on Z; the covariance is that of instrumental variables (Soderstrom
+    and Stoica 1983, section 4). A step that increases the squares is halved. After at most `steps` steps, or when steps
+    are short, the result is the mean of the last points. `ratios` convert `residuals` to multiples of their noise;
+    where they are not 0, large residuals are weighted in proportion, as in soft L1 (Triggs et al. 2000, section 4).
+    Other arguments are those of `solve`.
     """
-    def rooted(r: Array) -> Array:
+    def weight_root(r: Array) -> Array:
         root: Array = (1.0 + (ratios * r) ** 2) ** -0.25
         return root
 
     x, r, reached, changes, last = start, residuals(start[None])[0], [start], [], _LAST if smooth else 1
     lowest, difference = np.inf, np.full(len(x), _ROUGH_DIFFERENCE)
     while True:
-        root = rooted(r)
+        root = weight_root(r)
         lowest = min(lowest, float(np.sum((root * r) ** 2)))
         jacobian = _jacobian(smooth or residuals, x, _SMOOTH_DIFFERENCE) * root[:, None]
         if smooth:
@@ -160,7 +161,7 @@ def descend(residuals: Callable[[Array], Array], start: Array, bounds: tuple[Arr
         for share in 0.5 ** np.arange(_HALVINGS):
             to = np.clip(x + share * change, *bounds)
             r = residuals(to[None])[0]
-            if np.sum((rooted(r) * r) ** 2) < _WORSE * lowest:
+            if np.sum((weight_root(r) * r) ** 2) < _WORSE * lowest:
                 break
         x = to
         reached.append(x)
@@ -168,7 +169,7 @@ def descend(residuals: Callable[[Array], Array], start: Array, bounds: tuple[Arr
 
 
 def _times(records: Sequence[Sequence[Array]], deviations: Array) -> Array:
-    """Return each record's correlation time [samples]; small records share that of all small ones."""
+    """Return each record's correlation time [samples]; small records share the time of all small records."""
     lengths = np.array([sum(map(len, stretches)) for stretches in records])
     times = np.array([correlation_time(stretches) for stretches in records])
     small = lengths < _ALONE
@@ -180,9 +181,9 @@ def _times(records: Sequence[Sequence[Array]], deviations: Array) -> Array:
 
 
 def _common(influences: Array, time: float) -> Array:
-    """Return the correlation of simultaneous residuals [outputs, rows], over longer than their correlation `time`.
+    """Return the correlation of simultaneous residuals [outputs, rows] over longer times than their correlation `time`.
 
-    It is that of sums over rows, which differ by their delays among the outputs, too.
+    It is the correlation of sums over rows: the residuals of outputs may also differ by delays.
     """
     samples = max(min(round(_WINDOW * time), influences.shape[1] // _SUMS), 1)
     rows = influences.shape[1] // samples * samples
@@ -197,15 +198,15 @@ def weighted_fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Str
                  owners: Sequence[int], least_time: float = 1.0, prior: tuple[Array, Array] | None = None,
                  minimise: Callable[..., tuple[Array, Array]] = solve, robust: bool = False,
                  smooth: Callable[[Array], Sequence[Stretches]] | None = None, together: Sequence[int] = ()) -> Fit:
-    """Minimise the stretches of residuals, a function of the parameters, the first of which have `names`.
+    """Fit parameters, the first of which have `names`, to stretches of residuals by weighted least squares.
 
     `residuals` maps points [points, parameters] to the stretches of each. `scale` has each parameter's typical size.
     `owners` has the index of each stretch's record: a record's stretches have the same noise. `least_time` [samples] is
-    the correlation time of the residuals of white noise. A `prior` has each parameter's mean and 1 sigma, which is
-    finite. `minimise` is `solve` or has its arguments and result. The noise is that of the rms residual, or of the
-    median if the fit is to be `robust`; that and `smooth` are as of `descend`. Stretches with the same number in
-    `together`, each of its own record, are simultaneous, and their noise may be common: outputs of one unit repeat each
-    other. Raises RecordError if the parameters cannot be determined.
+    the correlation time of residuals of white noise. A `prior` has each parameter's mean and finite 1 sigma. `minimise`
+    is `solve`, or has its arguments and result. The noise follows from the rms residual, or with `robust` from the
+    median, which also weights large residuals as in `descend`; for `smooth` see there. Stretches with the same number
+    in `together`, each from a different record, are simultaneous and may have common noise, as outputs of one actuator.
+    Raises RecordError if the parameters cannot be determined.
     """
     count, values = max(owners) + 1, start / scale
     weights, times = np.ones(count), np.ones(count)
@@ -230,27 +231,26 @@ def weighted_fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Str
             deviations = np.array([median_abs_deviation(np.concatenate(of_one), scale="normal")
                                    for of_one in by_record(stretches)])
         else:
-            # Degrees of freedom by the diagonal of the hat matrix: a record that alone determines a parameter bends the
-            # fit towards itself, and its residuals shrink.
+            # Degrees of freedom from the diagonal of the hat matrix: a record that alone determines a parameter pulls
+            # the fit towards itself, and its residuals shrink.
             free = np.split(1.0 - np.sum(np.linalg.qr(jacobian)[0] ** 2, axis=1), ends)[:-1]
             power, freedom = (np.bincount(owners, each) for each in ([r @ r for r in stretches], [*map(np.sum, free)]))
             deviations = np.sqrt(power / np.maximum(freedom, 1.0))
-        least = _QUIETEST * float(np.median(deviations)) or 1.0
-        counted = np.maximum(deviations, least)
-        influences, slopes = [r / counted[k] for r, k in zip(stretches, owners, strict=True)], np.ones(count)
+        smallest = _QUIETEST * float(np.median(deviations)) or 1.0
+        noise = np.maximum(deviations, smallest)
+        influences, slopes = [r / noise[k] for r, k in zip(stretches, owners, strict=True)], np.ones(count)
         if robust:
             slopes = np.array([np.mean((1.0 + np.concatenate(z) ** 2) ** -1.5) for z in by_record(influences)])
             influences = [z / np.sqrt(1.0 + z**2) for z in influences]
         times = np.maximum(_times(by_record(influences), np.ones(count)) if robust else
                            _times(by_record(stretches), deviations), least_time)
-        before, weights = weights, 1.0 / (counted * np.sqrt(times))
+        fitted_with, weights = weights, 1.0 / (noise * np.sqrt(times))
     # With the final weights, and the mean slopes of influences.
-    jacobian[:len(record_of)] *= (weights / before * np.sqrt(slopes))[record_of, None]
-    # By singular values: the normal equations would square the condition number of a sixth-order polynomial.
+    jacobian[:len(record_of)] *= (weights / fitted_with * np.sqrt(slopes))[record_of, None]
+    # Singular values, since the normal equations would square the condition number of a sixth-order polynomial.
     left, singular, rows = np.linalg.svd(jacobian, full_matrices=False)
-    require(prior or singular.min() > _SINGULAR * singular.max(), "the records leave some combination of the "
-            "parameters undetermined: they are too alike, or what they excite is too little; vary speeds, levels and "
-            "range more")
+    require(prior or singular.min() > _SINGULAR * singular.max(), "the records leave a combination of "
+            "parameters undetermined: they are too alike, or excite too little; vary speeds, levels and range more")
     inverse = rows.T / singular
     covariance = inverse @ inverse.T
     parts = np.split(inverse @ left.T, ends, axis=1)

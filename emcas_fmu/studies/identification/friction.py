@@ -1,9 +1,9 @@
-"""Viscous and Coulomb friction from sweeps at constant speed, section 3.3.
+"""Identify viscous and Coulomb friction from sweeps at constant speed (section 3.3).
 
 The records are sweeps at several speeds, in both directions, at two temperatures. In windows at constant speed, the
-motor's torque less inertia times acceleration is friction. The model's friction is fitted to all windows at once: per
-direction seven Coulomb coefficients and a viscous one, and the two ratios of cold to warm friction. Slow sweeps
-determine Coulomb friction against the fin angle, fast ones viscous friction.
+motor's torque minus inertia times acceleration is friction. The model's friction is fitted to all windows at once: per
+direction seven Coulomb coefficients and one viscous coefficient, and the two ratios of cold to warm friction. Slow
+sweeps determine Coulomb friction over the fin angle, fast sweeps viscous friction.
 """
 
 from __future__ import annotations
@@ -34,26 +34,29 @@ EXPERIMENT = Experiment(
      *mechanics.HINGE_VISCOUS, *mechanics.HINGE_DRY), "N.m")
 VISCOUS = ("friction.viscous.positive", "friction.viscous.negative")
 COULOMB = {d: tuple(f"friction.coulomb.{d}[{n}]" for n in range(7)) for d in ("positive", "negative")}
-# The cold point of friction.table, -6 degC by default. The polynomials are those of the next point, 24 degC.
+# The cold point of friction.table, -6 degC by default. The polynomials are valid at the next point, 24 degC.
 RATIOS = ("friction.table.viscous[1]", "friction.table.coulomb[1]")
 _TABLE = ("friction.table.temperature[1]", "friction.table.temperature[2]")
 NAMES = (*VISCOUS, *COULOMB["positive"], *COULOMB["negative"], *RATIOS)
 
-FEWEST_SPEEDS = 3  # per direction: a line through two points always fits
-SPEED_SPREAD = 5.0  # fastest over slowest speed, to separate Coulomb from viscous friction
-FEWEST_KELVIN = 10.0  # between the temperatures, a third of the 30 K between the points of the table
+FEWEST_SPEEDS = 3  # smallest number per direction: a line through two points always fits
+SPEED_SPREAD = 5.0  # smallest ratio of fastest to slowest speed, to separate Coulomb from viscous friction
+FEWEST_KELVIN = 10.0  # smallest difference of the temperatures: a third of the 30 K between the points of the table
 COVERAGE = 0.75  # share of +-command.limit that each direction must cover, for the polynomials
 _CONSTANT = 0.10  # relative band around a sweep's speed
 _ACCELERATING = 0.10  # largest share of the torque that may accelerate at constant speed
-_CREEP = 0.2  # share of a sweep's speed: a window with a slower sample is stick-slip
-_DRIFT = 5.0  # K within a record
+_CREEP = 0.2  # share of a sweep's speed; a window with a slower sample has stick-slip
+_DRIFT = 5.0  # K, largest change of the temperature within a record
 _FEWEST_WINDOWS = 8
 _PLAUSIBLE = 30.0  # ratio to the base set's friction beyond which a unit is probably wrong
-_WORST_COULOMB, _WORST = 0.2, 0.5  # largest relative 1 sigma of an answer
+_WORST_COULOMB, _WORST = 0.2, 0.5  # largest relative 1 sigma in a result: Coulomb friction, other parameters
 
 
 class Sweep(NamedTuple):
-    """Consecutive windows at constant speed in one `direction` (1, -1), with fin angle and friction torque in each."""
+    """Consecutive windows at constant `speed` [rad/s], in one `direction` (1, -1) and at one `temperature` [degC].
+
+    `fin` [rad] and `torque` [N.m] are fin angle and friction torque in each window.
+    """
 
     direction: int
     speed: float
@@ -64,9 +67,9 @@ class Sweep(NamedTuple):
 
 
 def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = False) -> Identification:
-    """Identify friction parameters.
+    """Identify the friction parameters.
 
-    With `keep_ratios` the cold ratios are those of `base`, for measurements at one temperature. Raises RecordError.
+    With `keep_ratios` the cold ratios are those of `base`: for measurements at one temperature. Raises RecordError.
     """
     records = read_records(paths, EXPERIMENT.required, EXPERIMENT.optional)
     sweeps, owners = divided(records, lambda record: _sweeps(record, base.values))
@@ -74,7 +77,7 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
     names = NAMES[:-2] if keep_ratios else NAMES
     level = max(float(np.mean(np.abs(np.concatenate([s.torque for s in sweeps])))), 1e-12)
     fastest = max(s.speed for s in sweeps)
-    flat = [level, *[0.0] * 6]  # initial polynomials: those of the base set may be far off
+    flat = [level, *[0.0] * 6]  # initial polynomial: that of the base set may be far off
     start = np.array([*[0.1 * level / fastest] * 2, *flat, *flat, 1.0, 1.0])[:len(names)]
     scale = np.array([*[level / fastest] * 2, *[level] * 14, 1.0, 1.0])[:len(names)]
     fit = motion.fit_motion(base.values, names, [s.windows for s in sweeps], [s.temperature for s in sweeps], start,
@@ -86,26 +89,26 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
     limit = degrees(float(base.values["command.limit"]))
     notes = [f"{len(sweeps)} sweeps at {_listed(sweeps, 'speed')} rpm and {_listed(sweeps, 'temperature')} degC.",
              *(f"Coulomb friction, {d} direction: 1 sigma is at most {band:.2g} N.m within +-{limit:.3g} deg; the "
-               "coefficients are strongly correlated, so that each alone is less certain."
+               "coefficients are strongly correlated, and each alone is less certain."
                for d, band in bands.items()),
              *(["The cold ratios are those of the base parameters, not measured."] if keep_ratios else []),
              "All torques scale with motor.torque_constant, whose uncertainty is not included; an offset of the "
-             "current sensor goes into the Coulomb friction, with opposite signs in the two directions."]
+             "current sensor changes the Coulomb friction, with opposite signs in the two directions."]
     return Identification(EXPERIMENT, records, base, fit, parameters, notes, lambda: _drawings(sweeps, fit, values))
 
 
 def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
-    """Return the stretches of a record at constant speed."""
+    """Return the stretches of a record at constant speed. Raises RecordError if there is none."""
     motion.check(record, values)
     temperature = record["temperature"]
     record.require(np.ptp(temperature) <= _DRIFT, f"temperature drifts by {np.ptp(temperature):.3g} K within the "
-                   f"record; at most {_DRIFT:g} K may pass for one temperature: let it settle, or cut the record")
-    # Short windows first, to see how long the sweeps last; then windows of a twentieth of that.
+                   f"record; at most {_DRIFT:g} K count as one temperature: wait until it settles, or cut the record")
+    # Short windows first, to estimate the duration of the sweeps; then windows of a twentieth of it.
     width = max(len(record) // 100, 6)
-    look = motion.averages(record, width, max(width // 2, 1))
-    moving = float(np.mean(np.abs(look.speed) > 0.5 * np.abs(look.speed).max())) * len(record)
-    both = (look.speed.max() > 0.0) + (look.speed.min() < -0.3 * np.abs(look.speed).max())
-    width = int(np.clip(moving / max(both, 1) / 20.0, 8, 64))
+    first = motion.averages(record, width, max(width // 2, 1))
+    moving = float(np.mean(np.abs(first.speed) > 0.5 * np.abs(first.speed).max())) * len(record)
+    directions = (first.speed.max() > 0.0) + (first.speed.min() < -0.3 * np.abs(first.speed).max())
+    width = int(np.clip(moving / max(directions, 1) / 20.0, 8, 64))
     a = motion.averages(record, width, width // 2)
     p = motion.namespace(values, motion.WARM)
     m, torque = motion.balance(p, a)
@@ -122,12 +125,12 @@ def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
         smooth = a.slowest > _CREEP * speed
         slipping += int(np.sum((along > 0.3 * speed) & (along < 3.0 * speed) & ~smooth))
         for stretch in motion.stretches(steady & smooth, _FEWEST_WINDOWS):
-            inside = stretch[1:-1]  # the first and last may overlap the motion before and after
+            inside = stretch[1:-1]  # the first and the last window may overlap the motion before and after
             windows = a.at(inside)
             sweeps.append(Sweep(direction, float(np.mean(direction * windows.speed)), float(np.mean(temperature)),
                                 windows, fin[inside], torque[inside]))
     record.require(sweeps, "has no stretch at constant speed: " + (
-        "the motion is stick-slip; sweep faster or stiffen the speed control" if slipping > _FEWEST_WINDOWS else
+        "the motion sticks and slips; sweep faster or stiffen the speed control" if slipping > _FEWEST_WINDOWS else
         f"{_FEWEST_WINDOWS} windows in a row within {_CONSTANT:.0%} of one speed are needed; sweep at constant speed "
         f"over the whole range, and log at least {_FEWEST_WINDOWS * 5} samples of it"))
     return sweeps
@@ -138,12 +141,12 @@ def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> 
     limit = float(base.values["command.limit"])
     for direction, word in DIRECTIONS:
         along = [s for s in sweeps if s.direction == direction]
-        require(along, f"no sweep in the {word} direction: friction differs with direction; measure both")
+        require(along, f"there is no sweep in the {word} direction: friction differs with direction; measure both")
         speeds = distinct([s.speed for s in along])
         require(len(speeds) >= FEWEST_SPEEDS, f"too few speeds in the {word} direction ({_listed(along, 'speed')} "
                 f"rpm): viscous friction needs at least {FEWEST_SPEEDS} different ones, one of them slow")
         require(speeds[-1] >= SPEED_SPREAD * speeds[0], f"the speeds in the {word} direction "
-                f"({_listed(along, 'speed')} rpm) are too alike to tell Coulomb from viscous friction: the fastest "
+                f"({_listed(along, 'speed')} rpm) are too alike to separate Coulomb from viscous friction: the fastest "
                 f"must be at least {SPEED_SPREAD:g} times the slowest")
         fin = np.concatenate([s.fin for s in along])
         require(fin.min() <= -COVERAGE * limit and fin.max() >= COVERAGE * limit,
@@ -157,12 +160,12 @@ def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> 
     inside = np.clip([s.temperature for s in sweeps], cold, warm)
     require(np.ptp(inside) >= FEWEST_KELVIN, "all sweeps are at about the same temperature "
             f"({_listed(sweeps, 'temperature')} degC): the cold ratios need two, at least {FEWEST_KELVIN:g} K apart "
-            f"between {cold:g} and {warm:g} degC; measure cold too, or keep the ratios of the parameter file with "
-            "--keep-cold-ratios")
+            f"between {cold:g} and {warm:g} degC; measure also at a low temperature, or keep the ratios of the "
+            "parameter file with --keep-cold-ratios")
     for end in (inside.min(), inside.max()):
         near = [s.speed for s, t in zip(sweeps, inside, strict=True) if abs(t - end) < 0.5 * FEWEST_KELVIN]
-        require(len(distinct(near)) >= 2, f"only one speed near {end:.3g} degC: the ratio of viscous friction needs at "
-                "least two at each temperature")
+        require(len(distinct(near)) >= 2, f"there is only one speed near {end:.3g} degC: the ratio of viscous friction "
+                "needs at least two at each temperature")
 
 
 def _listed(sweeps: Sequence[Sweep], quantity: str) -> str:
@@ -172,11 +175,11 @@ def _listed(sweeps: Sequence[Sweep], quantity: str) -> str:
 
 
 def _require_plausible(values: Mapping[str, Any], base: ParameterSet) -> None:
-    """Raise RecordError for friction that drives the motion, falls with speed, or is far from the base set's."""
+    """Raise RecordError for friction that drives the motion, falls with speed, or is far from that of the base set."""
     p = nonlinear.ACTUATOR.namespace(values)
     for side, direction in DIRECTIONS:
         level, expected = (float(each[COULOMB[direction][0]]) for each in (values, base.values))  # at fin angle 0
-        require(level > 0.0, f"the Coulomb friction in the {direction} direction comes out as {level:.3g} N.m: the "
+        require(level > 0.0, f"the Coulomb friction in the {direction} direction is estimated as {level:.3g} N.m: the "
                 "current does not resist the motion; check the signs of motor_current and motor_angle, and the zero of "
                 "the current sensor")
         ratio = level / max(expected, 1e-9)
@@ -187,12 +190,15 @@ def _require_plausible(values: Mapping[str, Any], base: ParameterSet) -> None:
                 "direction is not positive: friction falls with speed, contrary to the model; leave out the slowest "
                 "sweeps if they are in mixed lubrication, and check that temperature was the same at all speeds")
     for name in RATIOS:
-        require(float(values[name]) >= 0.0, f"{name} is {float(values[name]):.3g}: the sweeps do not agree with one "
-                "ratio; check the column temperature")
+        require(float(values[name]) >= 0.0, f"{name} is {float(values[name]):.3g}, below 0: no single ratio fits the "
+                "sweeps; check the column temperature")
 
 
 def _require_certain(parameters: Sequence[Estimate], fit: Fit, base: ParameterSet) -> dict[str, float]:
-    """Return the largest 1 sigma [N.m] of each direction's Coulomb friction in range. Raises RecordError if large."""
+    """Return the largest 1 sigma [N.m] of each direction's Coulomb friction within command.limit.
+
+    Raises RecordError for parameters that are too uncertain.
+    """
     limit = float(base.values["command.limit"])
     bands = {d: float(_band(fit, d, np.linspace(-limit, limit, 81)).max()) for d in COULOMB}
     for direction, band in bands.items():
@@ -209,8 +215,8 @@ def _band(fit: Fit, direction: str, fin: Array) -> Array:
     """Return 1 sigma [N.m] of a direction's Coulomb polynomial at fin angles [rad]."""
     # The polynomial is linear in its coefficients: its gradient has the polynomials of unit coefficients.
     rows = np.array([friction.coulomb_polynomial(unit, fin) for unit in np.eye(7)]).T
-    at = [fit.names.index(n) for n in COULOMB[direction]]
-    band: Array = np.sqrt(np.einsum("ij,jk,ik->i", rows, fit.covariance[np.ix_(at, at)], rows))
+    indices = [fit.names.index(n) for n in COULOMB[direction]]
+    band: Array = np.sqrt(np.einsum("ij,jk,ik->i", rows, fit.covariance[np.ix_(indices, indices)], rows))
     return band
 
 
@@ -219,20 +225,20 @@ def _drawings(sweeps: Sequence[Sweep], fit: Fit, values: Mapping[str, Any]) -> I
         "Coulomb friction against fin angle", (
             (f"{word} direction", _against_fin(direction, word, sweeps, fit, values))
             for direction, word in DIRECTIONS), "fin angle [deg]", "Coulomb friction at the motor [N.m]",
-        "Windows of the slowest sweeps less the viscous friction, and the fitted sixth-order polynomials with their "
-        "2-sigma band, per direction of motion.")
+        "Windows of the slowest sweeps minus the viscous friction, and the fitted sixth-order polynomials with their "
+        "2-sigma band, for each direction of motion.")
     yield pictures.panels(
         "Friction against speed", [("", _against_speed(sweeps, values))], "motor speed [rpm]",
         "friction at fin angle 0 [N.m]",
-        "Mean of each sweep at constant speed, reduced to fin angle 0 with the fitted polynomials, and the fitted "
-        "line: its slope is the viscous coefficient.")
+        "Mean friction of each sweep, reduced to fin angle 0 with the fitted polynomials, and the fitted line, whose "
+        "slope is the viscous coefficient.")
     yield pictures.residuals([(f"{s.direction * s.speed * RPM:+.3g} rpm", np.degrees(s.fin)) for s in sweeps], fit,
                              "fin angle [deg]", "residual torque [N.m]")
 
 
 def _against_fin(direction: int, word: str, sweeps: Sequence[Sweep], fit: Fit,
                  values: Mapping[str, Any]) -> Iterator[pictures.Series]:
-    """Yield the friction of the slowest sweeps in a direction, warm and cold, less viscous friction."""
+    """Yield the friction of the slowest sweeps in a direction, warm and cold, minus the viscous friction."""
     slow = min(s.speed for s in sweeps if s.direction == direction)
     for s in sweeps:
         if s.direction != direction or s.speed > 1.15 * slow:

@@ -1,9 +1,9 @@
-"""Total inertia at the motor from spin-ups, and the rotor's part of it, (2.8)-(2.17).
+"""Identify the total inertia at the motor from spin-ups, and the rotor's share, (2.8)-(2.17).
 
 Steps of current accelerate the motor from rest, at several levels and in both directions. In windows of the motion,
-K_t i equals inertia times acceleration plus friction. Friction is estimated together with the inertia, not read from
-the parameter set: per direction a viscous coefficient and a sixth-order Coulomb polynomial. The different levels
-separate inertia from friction.
+K_t i equals inertia times acceleration plus friction. Friction is fitted together with the inertia: a viscous
+coefficient and a sixth-order Coulomb polynomial for each direction. The different levels separate inertia from
+friction.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ EXPERIMENT = Experiment(
      "kinematics.moment_arm", "kinematics.initial_angle", "screw.lead"), "N.m")
 TOTAL = "total inertia at the motor"  # at fin angle 0
 MOTOR = "inertia.motor"
-SPREAD = 1.5  # least ratio of highest to lowest torque in one direction
+SPREAD = 1.5  # smallest ratio of highest to lowest torque in one direction
 _NAMES = (MOTOR, *VISCOUS, *COULOMB["positive"], *COULOMB["negative"])
-_WORST = 0.1  # largest relative 1 sigma of an answer
-_SCALE = 40.0  # ratio of a file's inertia to the base set's beyond which a unit is wrong
+_WORST = 0.1  # largest relative 1 sigma of the total inertia in a result
+_SCALE = 40.0  # ratio of a file's inertia to that of the base set, above which a unit is wrong
 _SLOWEST = 0.02  # share of the largest speed: slower windows may contain standstill
 
 
@@ -52,18 +52,18 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     assert rotor.base is not None
     total = _total({**base.values, MOTOR: rotor.value})
     whole = Estimate(TOTAL, total, rotor.sigma, rotor.unit, _total(base.values), parameter=False)
-    require_certain([whole], _WORST, "spin up at levels of current further apart, to separate it from friction")
-    require(rotor.value > 0.0, f"the total inertia at the motor comes out as {total:.4g} kg.m2, but screw, nut and fin "
-            f"side of the base parameters alone make {total - rotor.value:.4g}: check inertia.fin, .fork, .shaft and "
-            ".screw, mass.nut and the unit of motor_current")
-    require(1.0 / 30.0 < rotor.value / rotor.base < 30.0, f"inertia.motor comes out as {rotor.value:.4g} kg.m2, "
+    require_certain([whole], _WORST, "use more different levels of current, to separate inertia from friction")
+    require(rotor.value > 0.0, f"the total inertia at the motor is estimated as {total:.4g} kg.m2, but screw, nut and "
+            f"fin side of the base parameters alone have {total - rotor.value:.4g}: check inertia.fin, .fork, .shaft "
+            "and .screw, mass.nut and the unit of motor_current")
+    require(1.0 / 30.0 < rotor.value / rotor.base < 30.0, f"inertia.motor is estimated as {rotor.value:.4g} kg.m2, "
             f"{rotor.value / rotor.base:.3g} times that of the base parameters: check the units of motor_current, "
             "motor_angle and time in the headers")
     notes = [
         f"{len(parts)} stretches of motion; torques from {torque.min():.3g} to {torque.max():.3g} N.m.",
-        f"Friction estimated as well, positive and negative direction: Coulomb {fit.values[3]:.3g} and "
+        f"Estimated friction, positive and negative direction: Coulomb {fit.values[3]:.3g} and "
         f"{fit.values[10]:.3g} N.m at fin angle 0, viscous {fit.values[1]:.3g} and {fit.values[2]:.3g} N.m.s/rad.",
-        "The total is that at fin angle 0. It scales with motor.torque_constant; inertia.motor is the total less the "
+        "The total applies at fin angle 0. It scales with motor.torque_constant; inertia.motor is the total minus the "
         "inertias of screw, nut and fin side in the parameter set. Their uncertainties are not included.",
     ]
     return Identification(EXPERIMENT, records, base, fit, [rotor, whole], notes,
@@ -88,11 +88,11 @@ def _moving(record: Record, values: Mapping[str, Any]) -> list[motion.Averages]:
     stretches = [a.at(inside) for inside in motion.stretches(sliding, 4)]
     record.require(stretches, f"no motion is long enough to show an acceleration: fewer than 4 windows of {width} "
                    "samples; log faster, or with a smaller current")
-    # One file's wrong unit would distort the fit of all.
+    # A wrong unit in one file would distort the fit of all files.
     expected, torque = _total(values), float(np.mean(_torques(stretches, values)))
     implied = torque / float(np.mean(np.abs(np.concatenate([a.acceleration for a in stretches]))))
-    # Friction adds to the torque, most in a spin-up that hardly overcomes it.
-    record.require(1.0 / _SCALE < implied / expected < 10.0 * _SCALE, "torque and acceleration do not belong together: "
+    # Friction increases the torque, most in a spin-up that hardly overcomes friction.
+    record.require(1.0 / _SCALE < implied / expected < 10.0 * _SCALE, "torque and acceleration do not fit together: "
                    f"motor.torque_constant times motor_current, {torque:.3g} N.m, over the acceleration is "
                    f"{implied:.3g} kg.m2, {implied / expected:.2g} times the inertia of the base parameters; check the "
                    f"units in the header (motor_current was read as {record.units['motor_current']}, motor_angle as "
@@ -109,14 +109,14 @@ def _require(parts: Sequence[motion.Averages], base: ParameterSet) -> None:
     """Raise RecordError for spin-ups in one direction only, or at one level of torque in a direction."""
     for direction, word in DIRECTIONS:
         stretches = [a for a in parts if np.sign(a.speed[0]) == direction]
-        require(stretches, f"no spin-up in the {word} direction: friction, which is subtracted, differs with "
+        require(stretches, f"there is no spin-up in the {word} direction: the friction to subtract differs with "
                 "direction; measure both")
         torque = _torques(stretches, base.values)
         accelerations = np.concatenate([a.acceleration for a in stretches])
         braking = accelerations.min() < -0.3 * accelerations.max() < 0.0 or accelerations.max() < 0.0
         require(torque.max() >= SPREAD * torque.min() or braking, f"the spin-ups in the {word} direction are at one "
-                f"level of torque ({', '.join(f'{t:.3g}' for t in torque)} N.m): inertia and friction look alike; spin "
-                f"up at levels at least {SPREAD:g} times apart")
+                f"level of torque ({', '.join(f'{t:.3g}' for t in torque)} N.m): inertia and friction cannot be "
+                f"separated; use levels with a ratio of at least {SPREAD:g}")
 
 
 def _drawings(parts: Sequence[motion.Averages], records: Sequence[Record], fit: Fit,
@@ -130,8 +130,8 @@ def _drawings(parts: Sequence[motion.Averages], records: Sequence[Record], fit: 
         series.append(pictures.Series(name, a.acceleration, inertial + residuals, a.acceleration[order],
                                       inertial[order]))
     yield pictures.panels(
-        "Torque against acceleration", [("", series)], "motor acceleration [rad/s²]", "torque less friction [N.m]",
-        "Windows of all spin-ups less the estimated friction; the slope of the lines is the inertia; the fin's share "
-        f"of it varies over +-{degrees(values['command.limit']):.3g} deg.")
+        "Torque against acceleration", [("", series)], "motor acceleration [rad/s²]", "torque minus friction [N.m]",
+        "Windows of all spin-ups minus the estimated friction. The slope of the lines is the inertia; the fin's share "
+        f"varies over +-{degrees(values['command.limit']):.3g} deg.")
     yield pictures.residuals([(name, np.degrees(motion.fin_angle(p, a.angle))) for name, a in zip(names, parts)], fit,
                              "fin angle [deg]", "residual torque [N.m]")

@@ -1,9 +1,9 @@
 """The equation of motion averaged over windows, for records of motor angle and current.
 
-A smooth window phi (Hann, sum 1, value and slope zero at both ends) averages the current, the central differences of
-the angle and its second differences alike. Summed by parts, these differences are the angle weighted by phi' and phi''
-(Shinbrot 1957, modulating functions): an encoder's steps are not differentiated. The averages satisfy the equation of
-motion because every sample does.
+A smooth window phi (Hann, sum 1, value and slope zero at both ends) averages the current, and the first and second
+central differences of the angle. By summation by parts, the averaged differences are the angle weighted by phi' and
+phi'' (Shinbrot 1957, modulating functions): an encoder's steps are not differentiated. The averages satisfy the
+equation of motion because every sample does.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from ...steppers.rigid import stops
 from .estimation import Fit, each, weighted_fit
 from .records import Array, Record, refuse_clipped, refuse_magnitude, runs
 
-# Windows that overlap by half share a sixth of their variance: averages of white noise have tau = 1 + 2/6.
+# Correlation time of averages of white noise: windows that overlap by half share a sixth of their variance, 1 + 2/6.
 _OVERLAP = 4.0 / 3.0
-# Largest motor angle, as a share of the travel, and current, as a share of the limit: beyond, a unit or zero is wrong.
+# Largest plausible motor angle over the travel, and current over its limit; above, a unit or zero is wrong.
 _OVER_TRAVEL, _OVER_CURRENT = 1.25, 2.0
-WARM = 24.0  # degC, at which friction.viscous and friction.coulomb apply
+WARM = 24.0  # degC, temperature for which friction.viscous and friction.coulomb are valid
 
 
 class Averages(NamedTuple):
-    """Means over windows, arrays of one length: time, motor angle, speed, acceleration, current; SI."""
+    """Means [windows] over windows, in SI: time, motor angle, motor speed, motor acceleration, motor current."""
 
     time: Array
     angle: Array
     speed: Array
     acceleration: Array
     current: Array
-    slowest: Array  # least speed [rad/s] in the window along the direction of motion
+    slowest: Array  # lowest speed [rad/s] in each window, positive along the direction of motion
 
     def at(self, windows: Any) -> Averages:
-        """Return some of the windows."""
+        """Return the averages of the `windows` with these indices, slice or mask."""
         return Averages(*(column[windows] for column in self))
 
 
@@ -54,7 +54,7 @@ def check(record: Record, values: Mapping[str, Any]) -> None:
     refuse_magnitude(record, "motor_angle", _OVER_TRAVEL * travel,
                      f"{_OVER_TRAVEL:g} times the travel to fin.stop_angle; or its zero is not at fin angle zero")
     moved = float(np.ptp(record["motor_angle"]))
-    record.require(moved >= 0.02 * travel, f"there is hardly any motion: the motor turns by {moved:.3g} rad of the "
+    record.require(moved >= 0.02 * travel, f"there is hardly any motion: the motor turns by {moved:.3g} rad, of "
                    f"{2 * travel:.3g} rad between the stops; check the unit of motor_angle, and that the drive was "
                    "enabled")
     if "motor_speed" in record.columns:
@@ -74,7 +74,7 @@ def motor_travel(p: Any) -> float:
 
 
 def fin_angle(p: Any, motor_angle: Array) -> Array:
-    """Return the fin angle [rad] by the geometry of lever and screw."""
+    """Return the fin angle [rad] for a motor angle [rad], from the geometry of lever and screw."""
     angle: Array = kinematics.fin_at(ARRAYS, p, motor_angle)
     return angle
 
@@ -89,7 +89,7 @@ def averages(record: Record, width: int, hop: int) -> Averages:
         return np.convolve(x, window[::-1], "valid")[::hop]
 
     speed = mean((angle[2:] - angle[:-2]) / (2.0 * step))
-    # Over less than a quarter of the window an encoder's steps do not average out.
+    # Over shorter times than a quarter of the window, an encoder's steps do not average out.
     part = max(width // 4, 1)
     local = (angle[part:] - angle[:-part]) / (part * step)
     views = np.lib.stride_tricks.sliding_window_view(local, width - part + 1)[::hop][:len(speed)]
@@ -101,12 +101,12 @@ def averages(record: Record, width: int, hop: int) -> Averages:
 
 
 def namespace(values: Mapping[str, Any], temperature: Array | float) -> Any:
-    """Return the parameters as attributes, at a temperature [degC] or an array of one for each window."""
+    """Return the parameters as attributes, at a temperature [degC] or at temperatures [windows]."""
     return nonlinear.ACTUATOR.namespace({**values, "friction.temperature": temperature})
 
 
 def balance(p: Any, a: Averages) -> tuple[mechanics.Mechanics, Array]:
-    """Return the mechanics at windows, and the friction torque [N.m]: all torques less inertia times acceleration."""
+    """Return mechanics, and friction torque [N.m], in windows: the other torques minus inertia times acceleration."""
     m = mechanics.coefficients(ARRAYS, p, a.angle, loads.level(ARRAYS, p))
     driving = drive.torque(p, a.current) + m.load + m.centrifugal * a.speed * a.speed
     return m, driving - m.inertia * a.acceleration
@@ -116,8 +116,8 @@ def fit_motion(values: Mapping[str, Any], names: Sequence[str], parts: Sequence[
                temperatures: Sequence[float], start: Array, scale: Array, owners: Sequence[int]) -> Fit:
     """Fit the parameters `names` to the equation of motion in windows in which the motor slides.
 
-    `parts` are stretches of windows, each at one of `temperatures` [degC]; `values` are the other parameters. Residuals
-    are torques [N.m]; for `scale` and `owners` see :func:`.estimation.weighted_fit`.
+    `parts` are stretches of windows, `temperatures` [degC] those of the parts; `values` has the other parameters.
+    Residuals are torques [N.m]; for `start`, `scale` and `owners` see :func:`.estimation.weighted_fit`.
     """
     windows = Averages(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     lengths = [len(a.time) for a in parts]
@@ -135,5 +135,5 @@ def fit_motion(values: Mapping[str, Any], names: Sequence[str], parts: Sequence[
 
 
 def stretches(windows: NDArray[np.bool_], fewest: int) -> list[NDArray[np.int64]]:
-    """Return the indices of each run of True of at least `fewest` windows."""
+    """Return the indices of each sequence of True with at least `fewest` windows."""
     return [np.arange(begin, end) for begin, end in runs(windows) if end - begin >= fewest]

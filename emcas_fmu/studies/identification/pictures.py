@@ -1,4 +1,4 @@
-"""Plots of all experiments: measured points with a model, and residuals."""
+"""Plots that all experiments use: measured points with a model, and residuals."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ...figures.plots import COLORS, GRAY, Drawing, figure, legend
 from .estimation import Fit
 from .records import Array
 
-MOST_POINTS = 800  # of a series: more only make the page larger
+MOST_POINTS = 800  # most points of a series: more only make the page larger
 
 
 class Series(NamedTuple):
-    """Measured points, and a model's line with a band of +-`band` if it is not None."""
+    """Measured points `x`, `y`, and the line of a model with a band of +-`band`, if any."""
 
     label: str
     x: Array
@@ -27,17 +27,17 @@ class Series(NamedTuple):
 
 
 def thinned(*columns: Array) -> tuple[Array, ...]:
-    """Return at most `MOST_POINTS` rows of columns, at equal distances."""
+    """Return at most `MOST_POINTS` rows of columns, equally spaced."""
     step = max(-(-len(columns[0]) // MOST_POINTS), 1)
     return tuple(c[::step] for c in columns)
 
 
 def panels(title: str, parts: Iterable[tuple[str, Iterable[Series]]], x_label: str, y_label: str, caption: str,
            height: float = 3.4, sharey: bool = True) -> Drawing:
-    """Draw panels side by side, each with a title and the points and models of its series; `height` is in inches."""
-    drawn = [(name, list(series)) for name, series in parts]
-    plot, grid = figure(1, len(drawn), width=9.5, height=height, sharey=sharey, x=x_label, y=[y_label])
-    for axes, (name, series) in zip(grid[0], drawn, strict=True):
+    """Plot panels side by side, each with a title and the points and models of its series; `height` is in inches."""
+    plotted = [(name, list(series)) for name, series in parts]
+    plot, grid = figure(1, len(plotted), width=9.5, height=height, sharey=sharey, x=x_label, y=[y_label])
+    for axes, (name, series) in zip(grid[0], plotted, strict=True):
         for color, s in zip(COLORS * 4, series):
             x, y = thinned(s.x, s.y)
             size, alpha = (3.0, 0.45) if len(x) > 60 else (6.0, 1.0)
@@ -55,7 +55,7 @@ def panels(title: str, parts: Iterable[tuple[str, Iterable[Series]]], x_label: s
 
 def residuals(series: Sequence[tuple[str, Array]], fit: Fit, x_label: str, y_label: str,
               factor: float = 1.0) -> Drawing:
-    """Draw residuals against a quantity on which they may depend, their distribution and their autocorrelation.
+    """Plot residuals over a quantity on which they may depend, their distribution and their autocorrelation.
 
     `series` has the label and abscissa of each stretch; residuals are multiplied by `factor`.
     """
@@ -84,6 +84,6 @@ def residuals(series: Sequence[tuple[str, Array]], fit: Fit, x_label: str, y_lab
     third.axhspan(-bound, bound, color=GRAY, alpha=0.3, linewidth=0)
     third.set_xlabel("lag [samples]")
     third.set_ylabel("autocorrelation")
-    return Drawing("Residuals", plot, "What the fitted model does not explain. Left: there should be no trend. "
-                   "Middle: their distribution should be near the normal one. Right: the uncertainties account for "
-                   "their autocorrelation (grey: 2 sigma of white noise).")
+    return Drawing("Residuals", plot, "Differences from the fitted model. Left: they should have no trend. "
+                   "Middle: their distribution should be nearly normal. Right: the uncertainties account for their "
+                   "autocorrelation (grey: 2 sigma of white noise).")

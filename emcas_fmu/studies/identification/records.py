@@ -1,6 +1,6 @@
-"""Measurements from CSV files: a header of names and units, then a row per sample, equally spaced in time.
+"""Read measurements from CSV files: a header with names and units, then one row for each of equally spaced samples.
 
-A header cell is ``name [unit]``; without a unit, values are in the unit of `QUANTITIES`. Other columns are ignored.
+A header cell is ``name [unit]``; without a unit, values are in the SI unit of the quantity. Other columns are ignored.
 Unusable data raise RecordError with file, column and row.
 """
 
@@ -37,30 +37,30 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
 }
 DIRECTIONS = ((1, "positive"), (-1, "negative"))
 FEWEST_ROWS = 20
-# Jitter of a logger's time stamps, as a share of the sample interval: differences of neighbouring samples, from which
-# the estimates follow, are wrong by the same share.
+# Largest jitter of a logger's time stamps, as a share of the sample interval: the estimates depend on differences
+# between neighbouring samples, which are wrong by the same share.
 _JITTER = 0.05
-# A run of this many equal values at the extreme of a noisy record shows the end of a measuring range.
+# Number of successive equal values at the extreme of a noisy record that shows the end of a measuring range.
 _FLAT = 6
 _NOISY = 0.5  # share of samples equal to their neighbour, below which a record is noisy
 _HEADER = re.compile(r"\s*([A-Za-z_][A-Za-z0-9_.]*)\s*(?:\[([^\]]*)\])?\s*")
 
 
 class RecordError(EmcasError):
-    """Measurements from which the parameters cannot be identified; the message says why and what to measure instead."""
+    """The measurements do not identify the parameters; the message says why, and what to measure instead."""
 
 
 def require(condition: object, problem: str) -> None:
-    """Raise RecordError with the problem unless the condition holds."""
+    """Raise RecordError with the `problem` unless the condition holds."""
     if not condition:
         raise RecordError(problem)
 
 
 @dataclass(frozen=True)
 class Record:
-    """A file: its `columns` in SI by name, the sample interval `step` [s], and the columns' `units` in the file.
+    """A file of measurements: `columns` [SI] by name, the sample interval `step` [s], the columns' `units` in the file.
 
-    `quantities` maps the name of a column to its unit in SI and its meaning; `unused` are other names in the header.
+    `quantities` maps the name of a column to its SI unit and its meaning; `unused` are the other names in the header.
     """
 
     path: Path
@@ -79,37 +79,38 @@ class Record:
 
     @property
     def name(self) -> str:
-        """File name without its folder, for notes and reports."""
+        """Name of the file without its folder, for notes and reports."""
         return self.path.name
 
     def late(self, column: Array, delay: float) -> Array:
-        """Return a column with this record's rows as a channel with a delay [s] records it."""
-        at = np.arange(len(self)) * self.step
-        return column if delay == 0.0 else np.interp(at - delay, at, column)
+        """Return a column of this record delayed by `delay` [s], interpolated at its rows."""
+        time = np.arange(len(self)) * self.step
+        return column if delay == 0.0 else np.interp(time - delay, time, column)
 
     def require(self, condition: object, problem: str) -> None:
-        """Raise RecordError with this file and the problem unless the condition holds."""
+        """Raise RecordError with this file and the `problem` unless the condition holds."""
         require(condition, f"{self.path}: {problem}")
 
 
 def read_records(paths: Sequence[Path], required: Sequence[str], optional: Sequence[str] = (),
                  quantities: Mapping[str, tuple[str, str]] = QUANTITIES) -> list[Record]:
-    """Read ``time`` and columns of these names from each file. Raises RecordError for the first unusable file.
+    """Read ``time``, the `required` columns and existing `optional` columns from each file.
 
-    `quantities` maps the names of columns to their unit in SI and their meaning.
+    `quantities` maps the names of columns to their SI units and meanings. Raises RecordError for the first unusable
+    file, and for files with the same contents.
     """
-    require(paths, "no files: give at least one CSV file of measurements")
+    require(paths, "there is no file: give at least one CSV file of measurements")
     records = [_record(path, ("time", *required), optional, quantities) for path in paths]
     seen: dict[str, Record] = {}
     for record in records:
         first = seen.setdefault(record.sha256, record)
-        record.require(first is record, f"has the same contents as {first.path}: a measurement counts once; leave one "
-                       "of them out")
+        record.require(first is record, f"has the same contents as {first.path}, and a measurement must count once; "
+                       "leave one of them out")
     return records
 
 
 def divided(records: Sequence[Record], stretches: Callable[[Record], Iterable[T]]) -> tuple[list[T], list[int]]:
-    """Return the stretches of all records, and for each the index of its record."""
+    """Return the stretches of all records, and the index of the record of each stretch."""
     pairs = [(stretch, i) for i, record in enumerate(records) for stretch in stretches(record)]
     return [stretch for stretch, _ in pairs], [i for _, i in pairs]
 
@@ -139,14 +140,14 @@ def _record(path: Path, required: Sequence[str], optional: Sequence[str],
 
 def _located(path: Path, header: Sequence[str], required: Sequence[str], optional: Sequence[str],
              quantities: Mapping[str, tuple[str, str]]) -> dict[str, tuple[int, str]]:
-    """Return index and unit of each column by name."""
+    """Return the index and the unit in the file of each column, by name."""
     cells = [match.groups() if (match := _HEADER.fullmatch(cell)) else (cell.strip(), None) for cell in header]
     names = [name for name, _ in cells]
     for name in required:
         if name not in names:
             unit, meaning = quantities[name]
             close = get_close_matches(name, names, 1)
-            hint = f"; is {close[0]} meant? Call it {name}" if close else ""
+            hint = f"; if {close[0]} is meant, rename it to {name}" if close else ""
             raise RecordError(f"{path}: has no column {name} ({meaning}, in {unit} or with its unit as in {name} "
                               f"[{unit}]); its columns are {', '.join(names)}{hint}")
     used = {name: (i, unit) for i, (name, unit) in enumerate(cells) if name in (*required, *optional)}
@@ -156,7 +157,7 @@ def _located(path: Path, header: Sequence[str], required: Sequence[str], optiona
 
 
 def _values(path: Path, name: str, unit: str, si: str, cells: Sequence[str], head: str) -> Array:
-    """Return a column's values in SI, from its unit in the file."""
+    """Return a column's values, converted from the unit in the file to SI."""
     try:
         zero, one = (convert(Decimal(x), unit, si) for x in (0, 1))
     except UnitError as error:
@@ -167,19 +168,19 @@ def _values(path: Path, name: str, unit: str, si: str, cells: Sequence[str], hea
             values[i] = float(cell)
         if not np.isfinite(values[i]):
             raise RecordError(f"{path}: {name}, data row {i + 1}: {cell.strip() or '(empty)'} is not a finite number; "
-                              "remove the measurements up to this gap or those after it")
+                              "remove the rows up to this gap, or those after it")
     return values if unit == si else zero + (one - zero) * values
 
 
 def _interval(path: Path, time: Array) -> float:
-    """Return the interval [s] of equally spaced samples."""
+    """Return the sample interval [s]. Raises RecordError for samples that are not equally spaced."""
     steps = np.diff(time)
     if np.any(steps <= 0.0):
         row = int(np.argmax(steps <= 0.0)) + 2
         raise RecordError(f"{path}: time does not increase at data row {row} ({time[row - 2]:.9g} s, then "
                           f"{time[row - 1]:.9g} s); sort the rows and remove repeated ones")
     step = float(time[-1] - time[0]) / len(steps)
-    # Time stamps are rounded to the digits in the file: half of the last digit is not jitter.
+    # Time stamps are rounded to the digits in the file: half a unit of the last digit is not jitter.
     if np.abs(time - time[0] - step * np.arange(len(time))).max() > max(0.5, _JITTER) * step \
             or np.abs(steps - step).max() > max(_JITTER * step, 2e-9 * np.abs(time).max()):
         row = int(np.argmax(np.abs(steps - step))) + 2
@@ -189,10 +190,10 @@ def _interval(path: Path, time: Array) -> float:
 
 
 def refuse_clipped(record: Record, name: str) -> None:
-    """Raise RecordError for a column that rests at its extreme but nowhere else: the measuring range ended there.
+    """Raise RecordError for a column that is constant at its extreme only, where the measuring range ends.
 
-    Clipping shows as a run of equal values, or, where noise dips below the end of the range, as a pile of equal values
-    at the end of the distribution. Noise-free records rest anywhere; only runs are evidence there.
+    Clipping shows as a sequence of equal values or, if noise leaves the end of the range again, as a frequent value at
+    the end of the distribution. Records without noise may be constant anywhere: only sequences are evidence in them.
     """
     values = record[name]
     equal = np.diff(values) == 0.0
@@ -204,21 +205,20 @@ def refuse_clipped(record: Record, name: str) -> None:
         flat, others = longest(values == extreme), longest(equal & (values[1:] != extreme))
         rests = flat >= _FLAT and flat > 4 * (others + 1)
         piles = noisy and pile >= 2 * _FLAT and pile > 4 * (int(neighbours.max()) + 1)
-        record.require(not (rests or piles), f"{name} is clipped: {pile} samples are at exactly {extreme:.6g} "
-                       f"{record.quantities[name][0]}, its extreme, as no others; widen the range of the measurement, "
-                       "or excite less")
+        record.require(not (rests or piles), f"{name} is clipped: {pile} samples are exactly at its extreme, "
+                       f"{extreme:.6g} {record.quantities[name][0]}; widen the measuring range, or excite less")
 
 
 def refuse_magnitude(record: Record, name: str, largest: float, meaning: str) -> None:
     """Raise RecordError for a column beyond `largest` [SI], with its `meaning`: the header's unit is probably wrong."""
     reached, unit = float(np.abs(record[name]).max()), record.quantities[name][0]
     record.require(reached <= largest, f"{name} reaches {reached:.4g} {unit}, more than {largest:.4g} {unit} "
-                   f"({meaning}); it was read as {record.units[name]}: put the unit it has into the header, as in "
+                   f"({meaning}); it was read as {record.units[name]}: write its unit into the header, as in "
                    f"{name} [{unit}]")
 
 
 def distinct(numbers: Iterable[float], apart: float = 0.0) -> list[float]:
-    """Return the numbers that differ by more than 15 %, or by `apart` in the same unit, sorted."""
+    """Return sorted numbers without those that are within 15 %, or within `apart` (same unit), of the one before."""
     levels: list[float] = []
     for number in sorted(numbers):
         if not levels or number - levels[-1] > (apart or 0.15 * abs(levels[-1])):
@@ -227,11 +227,11 @@ def distinct(numbers: Iterable[float], apart: float = 0.0) -> list[float]:
 
 
 def runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the first index of each run of True and the index after its last [runs, 2]."""
+    """Return the first index of each sequence of True, and the index after its last [sequences, 2]."""
     edges = np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0))
     return edges.reshape(-1, 2)
 
 
 def longest(mask: NDArray[np.bool_]) -> int:
-    """Return the length of the longest run of True."""
+    """Return the length of the longest sequence of True."""
     return int(np.diff(runs(mask)).max(initial=0))

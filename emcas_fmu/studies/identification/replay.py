@@ -1,4 +1,4 @@
-"""Replay of records: an actuator driven by measured inputs, its outputs compared with the measured ones."""
+"""Replay records: simulate an actuator with measured inputs, and compare its outputs with measured outputs."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _ANGLE, _START = "fin_angle", "fin.start_angle"
 _LATEST = 0.02  # [s] largest delay of a measured output
 _FAILED = 1e3  # error of a simulation that fails, in standard deviations of the measurement
 _SMOOTH: Mapping[str, Any] = {"encoder.enabled": False, "transducer.resolution": 0.0}  # without quantisation
-_ALIKE = 0.8  # of names, above which one is the other misspelt (difflib)
-_MOST = 20_000_000  # numbers that are simulated at once: 160 MB
-_FIRST = 10  # rows, from which the rate at the start is estimated
-_CERTAIN, _MOVING = 6.0, 0.1  # sigmas, and share of the fastest rate, of a rate at the start that is reported
-_COPIES, _SPREAD = 8, 1e-4  # starts of which the mean response is compared, and their spread [share of command.limit]
+_ALIKE = 0.8  # similarity of names (difflib) from which one counts as a misspelling of the other
+_MOST = 20_000_000  # most output values simulated at once: 160 MB
+_FIRST = 10  # rows from which the initial fin rate is estimated
+_CERTAIN, _MOVING = 6.0, 0.1  # smallest initial rate that is reported: in sigmas; as a share of the fastest rate
+_COPIES, _SPREAD = 8, 1e-4  # initial angles whose mean response is compared; their spread, a share of command.limit
 
 
 @dataclass(frozen=True)
@@ -51,17 +51,20 @@ class Comparison:
 
     @property
     def use(self) -> str:
-        """What the record is used for."""
+        """The use of the record: fitted or held out."""
         return "held out" if self.held_out else "fitted"
 
     @property
     def constant(self) -> bool:
-        """The measured values are all the same."""
+        """Whether all measured values are equal."""
         return not np.ptp(self.measured)
 
     @property
     def unexplained(self) -> float:
-        """Error without white noise, which differences of neighbouring samples show, over the measured deviation."""
+        """Ratio of the error without white noise to the measured standard deviation.
+
+        White noise is estimated from the differences of neighbouring samples.
+        """
         error = self.simulated - self.measured
         power = float(np.mean(error**2) - 0.5 * np.mean(np.diff(error) ** 2))
         return 0.0 if self.constant else sqrt(max(power, 0.0)) / float(np.std(self.measured))
@@ -81,14 +84,15 @@ class Comparison:
 
     @property
     def fit(self) -> str:
-        """The fit in words."""
+        """The fit [%] as text."""
         return "constant" if self.constant else f"{self.figures['fit_percent']:.1f}"
 
 
 def read(paths: Sequence[Path], base: ParameterSet, compare: Sequence[str] = ()) -> tuple[list[Record], list[Variable]]:
-    """Read records of the actuator's inputs and outputs; return them, and the outputs to compare, which all have.
+    """Read records of the actuator's inputs and outputs; return them, and the outputs to compare.
 
-    Raises RecordError for a record without an input or output, EmcasError for an unknown output.
+    By default these are the outputs that all records have. Raises RecordError for a record without an input or output,
+    EmcasError for an unknown output.
     """
     actuator = base.actuator
     known = {v.name: v for v in actuator.outputs if v.kind == "Real"}
@@ -99,7 +103,7 @@ def read(paths: Sequence[Path], base: ParameterSet, compare: Sequence[str] = ())
     records = read_records(paths, compare, list(quantities), {"time": ("s", "time of the sample"), **quantities})
     hints = "".join(f"; {line}" for line in misspelt(records, base))
     for record in records:
-        record.require(any(v.name in record.columns for v in actuator.inputs), "has no column of an input, such as "
+        record.require(any(v.name in record.columns for v in actuator.inputs), "has no column for an input, such as "
                        f"fin_command [deg]; the inputs are {', '.join(v.name for v in actuator.inputs)}{hints}")
     outputs = [v for v in known.values() if (v.name in compare if compare else
                                              all(v.name in record.columns for record in records))]
@@ -109,16 +113,16 @@ def read(paths: Sequence[Path], base: ParameterSet, compare: Sequence[str] = ())
 
 
 def misspelt(records: Iterable[Record], base: ParameterSet) -> Iterator[str]:
-    """Yield columns that are not used, whose names are nearly those of inputs or outputs that a record lacks."""
+    """Yield a message for each unused column whose name resembles an input or output that the record lacks."""
     for record in records:
-        lacks = [v.name for v in (*base.actuator.inputs, *base.actuator.outputs) if v.name not in record.columns]
+        missing = [v.name for v in (*base.actuator.inputs, *base.actuator.outputs) if v.name not in record.columns]
         for name in record.unused:
-            if close := get_close_matches(name, lacks, 1, _ALIKE) if name not in lacks else []:
+            if close := get_close_matches(name, missing, 1, _ALIKE) if name not in missing else []:
                 yield f"{record.name}: column {name} is not used; did you mean {close[0]}? Rename it, or leave it out"
 
 
 def use(records: Iterable[Record], base: ParameterSet, outputs: Sequence[Variable]) -> Iterator[str]:
-    """Yield which columns are inputs, which are compared, and which are not used, once for records that are alike."""
+    """Yield the columns that are inputs, compared and not used; one line for all records with the same columns."""
     compared = [v.name for v in outputs]
     lines: dict[str, list[str]] = {}
     for record in records:
@@ -131,12 +135,12 @@ def use(records: Iterable[Record], base: ParameterSet, outputs: Sequence[Variabl
 
 
 class Replay:
-    """Simulates records for many values of the `unknowns` side by side [SI].
+    """Simulates records for many values of the `unknowns` [SI] side by side.
 
-    The unknowns are the free parameters, the fin angle at the start of each record if it is compared, and the delay of
-    each output if there are `delays`. A fin angle that is measured and not compared is the start as it is. `owners` are
-    the indices of record and output of each array of residuals. They are `rough` functions of the parameters if
-    measured angles are quantised.
+    The unknowns are the free parameters, the initial fin angle of each record if fin angles are compared, and the delay
+    of each output with `delays`. A fin angle that is measured but not compared gives the initial angle. `owners` are
+    the indices of record and output of each array of residuals. `rough` says that residuals are rough functions of the
+    parameters, because measured angles are quantised.
     """
 
     def __init__(self, base: ParameterSet, free: Sequence[Unknown], records: Sequence[Record],
@@ -154,10 +158,10 @@ class Replay:
                          else np.zeros(1))
 
     def residuals(self, points: Array, smooth: bool = False) -> list[Stretches]:
-        """Return simulated less measured outputs [points], for each an array for each output of each record.
+        """Return for each of `points` simulated minus measured outputs [SI], one array for each output of each record.
 
-        Quantisation of measured angles makes a response a rough function of the parameters: where there is any, these
-        are means of responses from several starts close together, or, if `smooth`, responses without quantisation.
+        With quantised angles, a response is a rough function of the parameters. Then the simulated outputs are means
+        over responses from close initial angles, or, if `smooth`, responses without quantisation.
         """
         names, columns = [v.name for v in self.outputs], []
         for record in self.records:
@@ -169,11 +173,11 @@ class Replay:
 
     def _simulated(self, record: Record, points: Array, names: Sequence[str], smooth: bool = False,
                    mean: bool = False) -> list[Array]:
-        """Return outputs of a record at points, arrays [points, rows]; if wanted, the `mean` over several starts."""
+        """Return the outputs [points, rows] of a record at points; with `mean`, means over several initial angles."""
         start = np.full(len(points), record[_ANGLE][0] if _ANGLE in record.columns else self._subject.values[_START])
         if record.sha256 in self._free_start:
             start = points[:, self._free_start[record.sha256]]
-        # A point that differs in another record's start needs no run of this one.
+        # Points that differ only in other records' initial angles share a run of this record.
         different, run_of = np.unique(np.column_stack([points[:, :self.free], start]), axis=0, return_inverse=True)
         offsets = self._offsets if mean else np.zeros(1)
         most = max(_MOST // (len(offsets) * len(record) * len(names)), 1)  # at once
@@ -188,7 +192,7 @@ class Replay:
 
     def _means(self, record: Record, points: Array, names: Sequence[str], others: Mapping[str, Any],
                offsets: Array) -> list[Array]:
-        """Return means of outputs over `offsets` of the start; points are free parameters and the start."""
+        """Return means of outputs over `offsets` [rad] of the initial angle; points have free parameters and angle."""
         columns = np.repeat(points, len(offsets), axis=0).T
         changes = {name: column for u, column in zip(self.unknowns, columns[:-1], strict=False)
                    for name in (u.name, u.follower) if name}
@@ -198,22 +202,24 @@ class Replay:
         return [runs.columns[name].reshape(-1, len(offsets), len(record)).mean(axis=1) for name in names]
 
     def comparisons(self, values: Array, others: Sequence[Record]) -> Iterator[Comparison]:
-        """Yield the outputs of all records and of `others`, held out, which start at the first measured angle.
+        """Yield the comparisons of all records and of `others`, held out, which start at the first measured angle.
 
-        They are simulated with the `values` of the unknowns, quantisation included.
+        The outputs are simulated with the `values` of the unknowns, and with quantisation. Raises RecordError for a
+        simulation that fails.
         """
         for record in (*self.records, *others):
             simulated = self._simulated(record, values[None], [v.name for v in self.outputs])
             for v, (of_output,) in zip(self.outputs, simulated, strict=True):
-                record.require(np.isfinite(of_output).all(), f"cannot be simulated to its end with the values found: "
+                record.require(np.isfinite(of_output).all(), f"cannot be simulated to its end with the fitted values: "
                                f"{v.name} is not finite; give narrower bounds")
                 scale = factor(v.unit, display(v)) if display(v) else 1.0
                 yield Comparison(record, v, record in others, record[v.name] * scale, of_output * scale)
 
     def moving(self, values: Array, others: Sequence[Record]) -> Iterator[str]:
-        """Yield records that do not begin at rest, as the simulation does, with their fin rate there.
+        """Yield a message for each record that does not begin at rest, as the simulation does.
 
-        It is that over the first rows, where the slope of the error shows that a start at rest does not explain it.
+        The initial fin rate is estimated over the first rows. It is reported if the slope of the error shows that a
+        start at rest does not explain it.
         """
         for record in (*self.records, *others):
             if _ANGLE in record.columns:

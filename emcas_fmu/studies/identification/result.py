@@ -1,8 +1,7 @@
 """Description and result of an experiment: columns, assumptions, estimates with uncertainty, notes, plots.
 
-The identified values are also written as a parameter file for `load_parameters`. It has in addition the values that the
-base set changed from the defaults: experiments can be chained, each starting from the file that the previous one has
-written.
+The identified values are also written as a parameter file, together with the values of the base set that differ from
+the defaults: each experiment can start from the file that the previous one has written.
 """
 
 from __future__ import annotations
@@ -27,9 +26,9 @@ _REMARK = "Reported, no parameter: "
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value with its 1-sigma uncertainty, and the value in the base set, in `unit`.
+    """An estimated value with its 1-sigma uncertainty and the value in the base set (None: it has none), all in `unit`.
 
-    If `parameter` is false, the model has no parameter of this `name`: the estimate is only reported.
+    If `parameter` is false, the model has no parameter with this `name`, and the estimate is only reported.
     """
 
     name: str
@@ -41,7 +40,7 @@ class Estimate:
 
 
 def estimates(fit: Fit, base: ParameterSet) -> list[Estimate]:
-    """Return the estimates of the fitted values with names, which are names of parameters."""
+    """Return the estimates of the named values of a fit; the names are those of parameters."""
     entries = {e.variable.name: e for e in base.entries}
     return [Estimate(name, float(value), float(sigma), entries[name].variable.unit, float(entries[name].value))
             for name, value, sigma in zip(fit.names, fit.values, fit.sigmas)]
@@ -56,7 +55,7 @@ def require_certain(estimates: Iterable[Estimate], worst: float, remedy: str) ->
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment of a `kind`: `required` and `optional` columns, parameters `assumed` known, `unit` of residuals."""
+    """An experiment: its `required` and `optional` columns, the `assumed` parameters, and the `unit` of residuals."""
 
     kind: str
     title: str
@@ -68,7 +67,7 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Identification:
-    """The result of an experiment; `drawings` makes its plots."""
+    """The result of an experiment; `drawings` returns its plots."""
 
     experiment: Experiment
     records: Sequence[Record]
@@ -85,18 +84,18 @@ class Identification:
 
     @property
     def files(self) -> str:
-        """Names of the data files, for a note: up to three, otherwise their number, the first and the last."""
+        """Names of the data files, for a note; for more than three: their number, the first and the last."""
         names = [r.name for r in self.records]
         return ", ".join(names) if len(names) <= 3 else f"{len(names)} files from {names[0]} to {names[-1]}"
 
     @property
     def assumed(self) -> dict[str, float]:
-        """The assumed parameters, from the base set."""
+        """The assumed parameters with their values [SI] in the base set."""
         return {name: float(self.base.values[name]) for name in self.experiment.assumed}
 
     @property
     def noise(self) -> list[dict[str, Any]]:
-        """Standard deviation, number and correlation time of each file's residuals."""
+        """Standard deviation, number and correlation time [samples] of each file's residuals."""
         fit = self.fit
         return [{"file": record.name, "residual": float(deviation), "unit": self.experiment.unit, "residuals": count,
                  "correlation_time": float(time)} for record, deviation, count, time in zip(
@@ -104,25 +103,25 @@ class Identification:
 
     @property
     def residuals(self) -> list[tuple[Record, dict[str, Any]]]:
-        """The records with what the fit leaves of each."""
+        """The records, each with the `noise` of its residuals."""
         return list(zip(self.records, self.noise, strict=True))
 
     @property
     def measured(self) -> list[MeasuredRecord]:
-        """The records, for comments of a parameter file, and how far the result is off."""
+        """The records with their residuals, for the comments in a parameter file."""
         return [MeasuredRecord("", r.name, r.sha256, f"fitted, residual {noise['residual']:.2g} {noise['unit']}")
                 for r, noise in self.residuals]
 
     @property
     def correlated(self) -> list[tuple[str, str, float]]:
-        """Pairs of fitted values correlated by more than 0.8, strongest first, ten at most."""
+        """Pairs of fitted values with a correlation above 0.8 in magnitude; the ten strongest, in falling order."""
         names, matrix = self.fit.names, self.fit.correlation
         pairs = [(names[i], names[j], float(matrix[i, j])) for j, i in combinations(range(len(names)), 2)
                  if abs(matrix[i, j]) > 0.8]
         return sorted(pairs, key=lambda pair: -abs(pair[2]))[:10]
 
     def write_report(self, path: Path) -> None:
-        """Write a page with the plots; the same result gives the same bytes."""
+        """Write a page with estimates and plots; the same result gives the same bytes."""
         write_page(path, self.template, [self.base], result=self, figures=pictures(self.drawings()))
 
     def document(self) -> Mapping[str, Any]:
@@ -138,7 +137,10 @@ class Identification:
 
 
 def write_identified(result: Identification, path: Path, base_files: Iterable[Path] = ()) -> None:
-    """Write the base set with the identified values. Raises ParameterError if these break its limits or rules."""
+    """Write a parameter file: the base set with the identified values, and the remarks of the `base_files`.
+
+    Raises ParameterError if the values break limits or rules.
+    """
     names = Counter(_array(e.variable.name) for e in result.base.entries)
     identified = [e for e in result.estimates if e.parameter]
     changes: dict[str, object] = {}
@@ -159,7 +161,7 @@ def _array(name: str) -> str:
 
 
 def _remarks(result: Identification, base_files: Iterable[Path]) -> list[str]:
-    """Return comments on estimates that are not parameters, and those of the base files."""
+    """Return the remarks on estimates that are not parameters, and those in the base files that they do not replace."""
     new = [f"{_REMARK}{e.name} = {_rounded(e):g} {e.unit} (1 sigma {e.sigma:.2g}; {result.files})"
            for e in result.estimates if not e.parameter]
     replaced = tuple(line.partition(" = ")[0] + " = " for line in new)
@@ -169,7 +171,7 @@ def _remarks(result: Identification, base_files: Iterable[Path]) -> list[str]:
 
 
 def _rounded(estimate: Estimate) -> float:
-    """Return the value to three digits of its uncertainty: more are noise."""
+    """Return the value, rounded to three digits of its uncertainty: more digits are noise."""
     if not estimate.sigma > 0.0:
         return estimate.value
     return round(estimate.value, 2 - floor(log10(estimate.sigma))) + 0.0  # no -0

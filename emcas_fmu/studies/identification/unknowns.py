@@ -1,4 +1,4 @@
-"""Unknowns of a calibration: free parameters with bounds and priors, read from texts such as ``NAME=0.1..0.4 Ohm``."""
+"""The unknowns of a calibration: free parameters with bounds and priors, from texts such as ``NAME=0.1..0.4 Ohm``."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from ...parameters import ParameterSet
 from ...units import UnitError, quantity
 
 SPREAD = 5.0
-"""Ratio of the default bounds of a parameter to its value."""
-# Beginnings of the names of parameters that set at which times samples and ticks are.
+"""Ratio of the default upper bound to a parameter's value, and of the value to the default lower bound."""
+# Beginnings of the names of parameters that determine the times of samples and ticks.
 _SCHEDULE = ("solver.", "controller.sample_time", "command.update_time")
 _BOUNDS = re.compile(r"(\S+?)\.\.(\S+)\s*(.*)")
 _PRIOR = re.compile(r"(\S+?)\+-(\S+)\s*(.*)")
@@ -21,11 +21,11 @@ _PRIOR = re.compile(r"(\S+?)\+-(\S+)\s*(.*)")
 
 @dataclass(frozen=True)
 class Unknown:
-    """A number to find between two bounds, with its typical `size`, and what is known of it before, in `unit`.
+    """A number to fit between two bounds, with its typical `size` and its prior, all in `unit`.
 
-    This is a normal distribution of 1 `sigma` about `mean`. Unless a prior says more, that of a parameter is as wide as
-    the interval between its bounds: what the records leave open stays near the base set. `follower` is a parameter that
-    is equal to it, `known` says whether a prior is given.
+    The prior is a normal distribution with `mean` and 1 `sigma`. The default prior of a parameter is as wide as the
+    interval between its bounds: a parameter that the records do not determine stays near the base set. `follower` is
+    a parameter that is equal to it; `known` says that the caller has passed a prior.
     """
 
     name: str
@@ -40,47 +40,48 @@ class Unknown:
 
     @property
     def start(self) -> float:
-        """The mean, within the bounds."""
+        """The initial value: the mean of the prior, limited by the bounds."""
         return min(max(self.mean, self.lower), self.upper)
 
     def between(self, share: float) -> float:
-        """Return the value at a share of the interval between the bounds; by ratios if they are above 0."""
-        if self.lower > 0.0 and self.unit != "degC":  # whose zero is none
+        """Return the value at a share of the interval between the bounds; logarithmically if they are above 0."""
+        if self.lower > 0.0 and self.unit != "degC":  # ratios of degC have no meaning
             return float(self.lower * (self.upper / self.lower) ** share)
         return self.lower + (self.upper - self.lower) * share
 
 
 def nuisance(name: str, unit: str, start: float, size: float, largest: float) -> Unknown:
-    """Return an unknown that is not a parameter, within +-`largest`, of which little is known before."""
+    """Return an unknown within +-`largest` that is not a parameter, with a wide prior."""
     return Unknown(name, unit, -largest, largest, start, largest, size)
 
 
 def free_parameters(base: ParameterSet, free: Iterable[str], priors: Iterable[str] = ()) -> list[Unknown]:
-    """Return the parameters to find, from ``NAME`` or ``NAME=LOWER..UPPER UNIT``, and ``NAME=VALUE+-SIGMA UNIT``.
+    """Return the parameters to fit from ``NAME`` or ``NAME=LOWER..UPPER UNIT``, and priors ``NAME=VALUE+-SIGMA UNIT``.
 
     Default bounds are a fifth of the value and five times the value, within the limits of the parameter. The name of an
-    array frees each of its elements, by default up to five times the largest magnitude of them, with either sign. A
-    parameter that is equal to a free one by physics, as the back-EMF constant to the torque constant, follows it, as
-    where a parameter file sets only one of them. Raises EmcasError.
+    array frees each of its elements; their default bounds are five times the largest magnitude, with either sign. A
+    parameter that is physically equal to a free one, as the back-EMF constant to the torque constant, follows it if the
+    base set has equal values. Raises EmcasError.
     """
-    found = {each.name: each for text in free for each in _free(base, text)}
-    if not found:
+    unknowns = {each.name: each for text in free for each in _free(base, text)}
+    if not unknowns:
         raise EmcasError("no parameter is free; name at least one, as in --free motor.resistance")
     for text in priors:
         names, values = _parsed(base, text, _PRIOR, "VALUE+-SIGMA UNIT, as in motor.resistance=0.25+-0.02 Ohm")
         for name in names:
-            if name not in found:
-                raise EmcasError(f"prior {text}: {name} is not free; free it, or leave its prior out")
+            if name not in unknowns:
+                raise EmcasError(f"prior {text}: {name} is not free; free it, or leave the prior out")
             if values is None or not values[1] > 0.0:
                 raise EmcasError(f"prior {text}: expected NAME=VALUE+-SIGMA UNIT with a sigma above 0")
-            if not found[name].lower <= values[0] <= found[name].upper:
-                raise EmcasError(f"prior {text}: its value is beyond the bounds of {name}, {found[name].lower:.6g} to "
-                                 f"{found[name].upper:.6g} {found[name].unit}; correct it, or widen the bounds")
-            found[name] = replace(found[name], mean=values[0], sigma=values[1], known=True)
+            u = unknowns[name]
+            if not u.lower <= values[0] <= u.upper:
+                raise EmcasError(f"prior {text}: its value is beyond the bounds of {name}, {u.lower:.6g} to "
+                                 f"{u.upper:.6g} {u.unit}; correct the value, or widen the bounds")
+            unknowns[name] = replace(u, mean=values[0], sigma=values[1], known=True)
     for name, other in (pair for names in base.actuator.equal_parameters for pair in (names, names[::-1])):
-        if name in found and other not in found and base.values[other] == base.values[name]:
-            found[name] = replace(found[name], follower=other)
-    return list(found.values())
+        if name in unknowns and other not in unknowns and base.values[other] == base.values[name]:
+            unknowns[name] = replace(unknowns[name], follower=other)
+    return list(unknowns.values())
 
 
 def _free(base: ParameterSet, text: str) -> Iterator[Unknown]:
@@ -91,17 +92,17 @@ def _free(base: ParameterSet, text: str) -> Iterator[Unknown]:
         if v.kind != "Real":
             raise EmcasError(f"{name} is of kind {v.kind}; only real numbers can be free")
         if name.startswith(_SCHEDULE):
-            raise EmcasError(f"{name} sets when the model is computed, and simulations jump with it; set it in a "
-                             "parameter file, and free others")
+            raise EmcasError(f"{name} determines the times at which the model is computed, and simulations depend on "
+                             "it abruptly; set it in a parameter file, and free others")
         if v.unit == "degC" and not bounds:
-            raise EmcasError(f"{name} is in degC, whose zero says nothing of its size; give bounds, as in "
+            raise EmcasError(f"{name} is in degC, so that its value gives no default bounds; give bounds, as in "
                              f"{name}=-40..70 degC")
         lower, upper = bounds or sorted((value / SPREAD, value * SPREAD))
-        if len(names) > 1 and not bounds:  # a coefficient may be 0, and change its sign
+        if len(names) > 1 and not bounds:  # a coefficient may be 0 or change its sign
             upper = SPREAD * max(abs(float(entries[each].value)) for each in names)
             lower = -upper
         if lower == upper:
-            raise EmcasError(f"{name} is 0 in the base set, which says nothing of its size; give bounds, as in "
+            raise EmcasError(f"{name} is 0 in the base set, which gives no default bounds; give bounds, as in "
                              f"{name}=0..1{'' if v.unit == '1' else f' {v.unit}'}")
         lower, upper = max(lower, v.minimum), min(upper, v.maximum)
         if not (lower < upper and lower <= value <= upper):
@@ -113,7 +114,7 @@ def _free(base: ParameterSet, text: str) -> Iterator[Unknown]:
 
 def _parsed(base: ParameterSet, text: str, form: re.Pattern[str],
             expected: str) -> tuple[Sequence[str], tuple[float, float] | None]:
-    """Return the names of the parameter, or of the elements of an array, and two numbers in its unit if there are."""
+    """Return the name of the parameter, or of each element of an array, and the two numbers in its unit, if any."""
     name, equals, rest = (part.strip() for part in text.partition("="))
     known = {e.variable.name: e.variable for e in base.entries}
     names = [name] if name in known else [each for each in known if each.startswith(f"{name}[")]
@@ -128,7 +129,7 @@ def _parsed(base: ParameterSet, text: str, form: re.Pattern[str],
     unit = known[names[0]].unit
     try:
         first, second = (quantity(number, written, unit) for number in (one, other))
-        if form is _PRIOR:  # a difference: degC have a zero of their own
+        if form is _PRIOR:  # sigma is a difference: subtract the offset of a unit such as degC
             second -= quantity("0", written, unit)
     except UnitError as error:
         raise EmcasError(f"{text}: {rest} {error}") from error

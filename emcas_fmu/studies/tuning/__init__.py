@@ -1,1 +1,1 @@
-"""Tune the gains of any actuator, with its full equations, until they meet requirements in all cases."""
+"""Search for gains with which any actuator, simulated with its full equations, meets requirements in all cases."""

@@ -1,4 +1,4 @@
-"""Judge gains: every requirement in every case, as a share of its limit, and a journal of these evaluations."""
+"""Judge gains by the share of its limit that each requirement reaches in each case; keep a journal of evaluations."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from ...bench.subject import ParameterSubject
 from ...support.writing import append, write
 from .study import Study, StudyError
 
-HOPELESS = 10.0  # share of the limit of a figure that does not exist: never reached, unstable, not finite
-# The objective is the p-norm of the worst shares of the requirements. It is close to the largest, but a figure that
-# gains cannot improve, such as a rate that the motor limits, does not hide the others.
+HOPELESS = 10.0  # largest share of a limit, and the share if a figure does not exist (never reached, unstable)
+# Order of the norm of the worst shares of all requirements, which is the objective. This norm is close to the largest
+# share; but a figure that gains cannot improve, such as a rate that the motor limits, does not hide the others.
 _NORM = 8
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """A requirement in a case: the measured figure, and its share of the limit (1: just met, less is better)."""
+    """A judgement of a requirement in a case: the `measured` figure [SI] and its `share` of the limit (1: just met)."""
 
     requirement: str
     case: str
@@ -32,7 +32,7 @@ class Judgement:
 
     @property
     def margin(self) -> float:
-        """Distance to the limit, as a share of it."""
+        """Distance to the limit, as a share of the limit; negative if it is missed."""
         return 1.0 - self.share
 
     @property
@@ -43,7 +43,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Gains (SI) and their judgements."""
+    """Gains (SI) by parameter, and their judgements."""
 
     gains: Mapping[str, float]
     judgements: tuple[Judgement, ...]
@@ -55,12 +55,12 @@ class Evaluation:
 
     @cached_property
     def objective(self) -> float:
-        """The objective that the search minimises."""
+        """The objective that the search minimises: the 8-norm of the worst shares of the requirements."""
         shares = [j.share for j in self.by_requirement().values()]
         return float(sum(s**_NORM for s in shares) ** (1.0 / _NORM))
 
     def by_requirement(self) -> dict[str, Judgement]:
-        """Return the worst judgement of each requirement."""
+        """Return the worst judgement of each requirement over all cases, by its name."""
         worst: dict[str, Judgement] = {}
         for j in self.judgements:
             if j.requirement not in worst or j.share > worst[j.requirement].share:
@@ -69,7 +69,7 @@ class Evaluation:
 
 
 def share(requirement: Requirement, measured: float) -> float:
-    """Return a figure as a share of its limit, measured/maximum or minimum/measured; at most 1 if it is met."""
+    """Return a figure [SI] as a share of its limit: measured/maximum or minimum/measured; at most 1 if it is met."""
     if not isfinite(measured):
         return HOPELESS
     ratio = (measured / requirement.limit if requirement.sense == "maximum"
@@ -78,9 +78,9 @@ def share(requirement: Requirement, measured: float) -> float:
 
 
 def evaluate(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluation]:
-    """Judge every requirement in every case for several sets of gains, independently of each other.
+    """Judge several sets of gains [SI], independently of each other, by every requirement in every case.
 
-    Responses that cannot be computed, and gains that break a rule of the actuator, are HOPELESS.
+    A response that cannot be computed, and gains that break a rule of the actuator, have the share HOPELESS.
     """
     results = verdict.evaluate(ParameterSubject(study.base), study.specification, gains)
     return [Evaluation(dict(each), tuple(
@@ -89,9 +89,9 @@ def evaluate(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluat
 
 
 class Journal:
-    """Evaluations, kept as lines of a file if there is one, from which a stopped run goes on.
+    """Evaluations by gains, also written as lines to the file `path`, if any, from which a stopped search continues.
 
-    Raises StudyError for the journal of another study.
+    Raises StudyError for a file that is not a journal, or is the journal of another study.
     """
 
     def __init__(self, path: Path | None, study: Study) -> None:
@@ -101,25 +101,25 @@ class Journal:
             return
         header = {"study": study.digest}
         text = path.read_text(encoding="utf-8") if path.is_file() else ""
-        # A last line without an end was cut when the run was killed: its evaluation is repeated.
-        whole = text[:text.rfind("\n") + 1] or json.dumps(header) + "\n"
+        # A last line without an end was cut when the process was killed: its evaluation is repeated.
+        complete = text[:text.rfind("\n") + 1] or json.dumps(header) + "\n"
         try:
-            first, *entries = map(json.loads, whole.splitlines())
+            first, *entries = map(json.loads, complete.splitlines())
             evaluations = [Evaluation(dict(e["gains"]), tuple(Judgement(*j) for j in e["judgements"])) for e in entries]
             self._evaluations = {tuple(e.gains.values()): e for e in evaluations}
         except (ValueError, KeyError, TypeError, RecursionError) as error:
-            raise StudyError(f"{path}: is not a journal: {error}") from error
+            raise StudyError(f"{path}: is not a journal ({error}); name another file") from error
         if first != header:
             raise StudyError(f"{path}: is the journal of another study or parameter set; name another file")
-        if whole != text:
-            write(path, whole)
+        if complete != text:
+            write(path, complete)
 
     def find(self, gains: Mapping[str, float]) -> Evaluation | None:
-        """Return the evaluation of exactly these gains, if there is one."""
+        """Return the evaluation of exactly these gains, or None."""
         return self._evaluations.get(tuple(gains.values()))
 
     def add(self, evaluations: Iterable[Evaluation]) -> None:
-        """Add evaluations, also to the file."""
+        """Add new evaluations, also to the file."""
         new = {tuple(e.gains.values()): e for e in evaluations if self.find(e.gains) is None}
         self._evaluations |= new
         if self._path is not None and new:

@@ -1,6 +1,7 @@
-"""The search: differential evolution over the bounds, then Nelder-Mead from the best, on the worst requirement.
+"""The search for gains: differential evolution within the bounds, then Nelder-Mead from the best gains.
 
-The gains that are returned are chosen last, from gains rounded as they are written to a file.
+Both minimise :attr:`.evaluate.Evaluation.objective`. The result is then chosen among the best gains, rounded to the
+digits that are written to a file.
 """
 
 from __future__ import annotations
@@ -27,15 +28,15 @@ from ...support.progress import Progress, silent, uninterrupted
 from .evaluate import Evaluation, Journal, evaluate
 from .study import Study, Tunable
 
-_DIGITS = 3  # significant, of gains: as many as a person would set
-_POPULATION = 12  # individuals for each tunable
-_LOCAL = 60  # evaluations for each tunable
-_STEPS = 1000  # least number of 1 ms that a requirement is simulated in a case
-_TOGETHER = 16  # most sets of gains evaluated at once: enough for vectors, few to lose if the run is killed
-_SLACK = 0.03  # share of a limit; a requirement this close to the worst one binds, too
-# Number of rounded gains that are judged with their neighbours, after a whole search and after Ctrl-C. Near a limit
-# that is crossed abruptly the best ten of a search are almost the same gains.
-_CHOICE, _HURRIED = 20, 4
+_DIGITS = 3  # significant digits of returned gains: as many as a person would set
+_POPULATION = 12  # sets of gains in a generation, for each tunable parameter
+_LOCAL = 60  # most evaluations of the local search, for each tunable parameter
+_STEPS = 1000  # steps of 1 ms for a requirement in a case: a low estimate of the work
+_TOGETHER = 16  # most sets of gains in one task: enough for vectors, few to lose if the process is killed
+_SLACK = 0.03  # distance to the worst share up to which a requirement also counts as binding
+# Number of rounded sets of gains that are judged with their neighbours, after a complete search and after Ctrl-C. Ten
+# are too few: at a limit that is crossed abruptly, the best ten of a search are almost the same gains.
+_CANDIDATES, _HURRIED = 20, 4
 
 Gains = Mapping[str, float]
 _Map = Callable[..., Iterable[list[Evaluation]]]
@@ -43,18 +44,21 @@ _Map = Callable[..., Iterable[list[Evaluation]]]
 
 @dataclass(frozen=True)
 class Result:
-    """The result of a run: the gains it returns, as they are written, the initial ones, and all evaluations."""
+    """The result of a search; gains are in SI."""
 
     study: Study
     seed: int
     best: Evaluation
+    """The returned gains with their judgements."""
     before: Evaluation
+    """The initial gains, those of the parameter set, with their judgements."""
     nearby: float
-    """Largest objective of the returned gains and their neighbours, of which one gain differs by a unit of its third
-    digit; nan if Ctrl-C came before these were judged."""
+    """Largest objective of the returned gains and their neighbours, in which one gain differs by one in its third
+    significant digit; nan if Ctrl-C came before they were judged."""
     evaluated: tuple[Evaluation, ...]
+    """All evaluations in the journal, also those of earlier searches that it continues."""
     history: tuple[float, ...]
-    """Best objective after each generation of the global search and each evaluation of the local one."""
+    """Best objective after each generation of the global search and each iteration of the local search."""
     stopped: bool
     """Whether Ctrl-C ended the search."""
 
@@ -65,66 +69,73 @@ class Result:
 
     @property
     def unimproved(self) -> bool:
-        """Whether the search has found nothing better than the initial gains, which are then returned."""
+        """Whether the search found no better gains than the initial ones, which are then returned."""
         return self.best == self.before
 
     @property
     def tuned(self) -> ParameterSet:
-        """The parameter set that was tuned, with the best gains."""
+        """The study's parameter set with the returned gains."""
         return self.study.base.with_values(self.best.gains)
 
     @property
     def at_bound(self) -> dict[str, str]:
-        """The gains at a bound of the search, with its name: lower or upper."""
+        """The bound, ``lower`` or ``upper``, by the name of each returned gain that is at one."""
         bounds = {t.name: t.bound(self.best.gains[t.name]) for t in self.study.tunables}
         return {name: bound for name, bound in bounds.items() if bound}
 
     @property
     def binding(self) -> list[str]:
-        """The requirements that limit the smallest margin, the worst first."""
+        """The requirements whose margins are smallest, within 3 % of their limits; the worst first."""
         ranked = sorted(self.best.by_requirement().items(), key=lambda item: -item[1].share)
         return [name for name, j in ranked if j.share >= self.best.worst.share - _SLACK]
 
 
 def rounded(gains: Gains, study: Study) -> dict[str, float]:
-    """Return the gains with three significant digits, or with the more that are needed to stay within the bounds."""
-    def within(t: Tunable) -> float:
+    """Return the gains within the bounds, rounded to three significant digits, or to more if a bound requires them."""
+    def shortest(t: Tunable) -> float:
         value = min(max(gains[t.name], t.lower), t.upper)
         digits = (float(f"{value:.{count}g}") for count in range(_DIGITS, 18))
         return next(each for each in digits if t.lower <= each <= t.upper)
 
-    return {t.name: within(t) for t in study.tunables}
+    return {t.name: shortest(t) for t in study.tunables}
 
 
 def neighbours(gains: Gains, study: Study) -> list[Gains]:
-    """Return the gains within the bounds of which one differs by a unit of its third digit."""
-    near: list[Gains] = []
+    """Return sets of gains, within the bounds, in which one gain differs by one in its third significant digit."""
+    found: list[Gains] = []
     for t in study.tunables:
-        unit = 10.0 ** (floor(log10(abs(gains[t.name]) or 1.0)) - _DIGITS + 1)
-        for value in (gains[t.name] - unit, gains[t.name] + unit):
+        step = 10.0 ** (floor(log10(abs(gains[t.name]) or 1.0)) - _DIGITS + 1)
+        for value in (gains[t.name] - step, gains[t.name] + step):
             if t.lower <= value <= t.upper:
-                near.append({**gains, t.name: float(f"{value:.10g}")})
-    return near
+                found.append({**gains, t.name: float(f"{value:.10g}")})
+    return found
 
 
 def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, journal: Journal | None = None,
          progress: Progress = silent) -> Result:
-    """Return the gains with the largest smallest margin over requirements and cases, or the initial ones if better.
+    """Search for the gains with the smallest objective, and return the result.
 
-    The returned gains were judged as they are written. The same study and seed give the same gains for any number of
-    worker processes and any initial gains, unless the initial ones are better. Ctrl-C ends the search with the best
-    gains so far; raises KeyboardInterrupt if not even the initial ones were judged.
+    The candidates are the initial gains, and the best gains of the search as rounded for a file. The largest objective
+    among a candidate and its neighbours decides; candidates that are worse than the initial gains are excluded. The
+    same study and seed give the same gains for any number of workers; initial gains matter only if they are better than
+    a candidate.
+
+    `generations` is the number of generations of the global search, `workers` the number of processes (1: this one).
+    Evaluations in the `journal` are not repeated, new ones are added to it; without one they stay in memory. `progress`
+    receives the stage with its worst requirement, and the number of parts done and their total: generations, and the
+    local search. Ctrl-C ends the search with the best gains so far. Raises KeyboardInterrupt if it comes before the
+    initial gains are judged.
     """
     evaluations = journal if journal is not None else Journal(None, study)
     search = _Search(study, evaluations, progress, generations, workers)
     bounds = [(log(t.lower), log(t.upper)) for t in study.tunables]
-    begun: Gains = {t.name: float(study.base.values[t.name]) for t in study.tunables}
-    before: Evaluation | None = None
-    judged = (_POPULATION * (generations + 1) + _LOCAL) * len(bounds)
-    library.compile_for(study.base.model, judged * len(study.requirements) * len(study.cases) * _STEPS)
+    initial_gains: Gains = {t.name: float(study.base.values[t.name]) for t in study.tunables}
+    initial: Evaluation | None = None
+    expected = (_POPULATION * (generations + 1) + _LOCAL) * len(bounds)
+    library.compile_for(study.base.model, expected * len(study.requirements) * len(study.cases) * _STEPS)
     try:
         with _processes(workers) as search.map:
-            (before,) = search.all([begun])
+            (initial,) = search.all([initial_gains])
             differential_evolution(
                 lambda x: np.array(search.objectives(list(np.atleast_2d(x.T)))), bounds,
                 rng=np.random.default_rng(seed), popsize=_POPULATION, maxiter=generations, tol=1e-3,
@@ -135,34 +146,35 @@ def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, j
                      bounds=bounds, options={"maxfev": _LOCAL * len(bounds), "xatol": 2e-3, "fatol": 1e-4,
                                              "initial_simplex": _simplex(best, bounds)},
                      callback=lambda *_: search.note("local"))
-            returned, nearby, stopped = _chosen(search, before, _written(search.seen, study, _CHOICE))
+            returned, nearby, stopped = _choose(search, initial, _candidates(search.seen, study, _CANDIDATES))
     except KeyboardInterrupt:
-        if before is None:
+        if initial is None:
             raise
         search.map, search.workers = map, 1
-        returned, nearby, _ = _chosen(search, before, _written(evaluations, study, _HURRIED))
+        returned, nearby, _ = _choose(search, initial, _candidates(evaluations, study, _HURRIED))
         stopped = True
-    return Result(study, seed, returned, before, nearby, tuple(evaluations), tuple(search.history), stopped)
+    return Result(study, seed, returned, initial, nearby, tuple(evaluations), tuple(search.history), stopped)
 
 
-def _written(evaluations: Iterable[Evaluation], study: Study, count: int) -> list[Gains]:
-    """Return the best gains of a search, rounded and without duplicates."""
-    written: Iterable[Gains] = (rounded(e.gains, study) for e in sorted(evaluations, key=lambda e: e.objective))
-    return list({tuple(gains.values()): gains for gains in written}.values())[:count]
+def _candidates(evaluations: Iterable[Evaluation], study: Study, count: int) -> list[Gains]:
+    """Return the best `count` sets of gains, rounded and without duplicates."""
+    best: Iterable[Gains] = (rounded(e.gains, study) for e in sorted(evaluations, key=lambda e: e.objective))
+    return list({tuple(gains.values()): gains for gains in best}.values())[:count]
 
 
-def _chosen(search: _Search, before: Evaluation, choice: list[Gains]) -> tuple[Evaluation, float, bool]:
-    """Return rounded gains, the largest objective of them and their neighbours, and whether Ctrl-C was pressed.
+def _choose(search: _Search, initial: Evaluation, candidates: list[Gains]) -> tuple[Evaluation, float, bool]:
+    """Return the evaluation of the chosen gains, the largest objective near them, and whether Ctrl-C was pressed.
 
-    The initial gains and those of the `choice` that are not worse compete by that objective: gains that miss a limit
-    as soon as a third digit changes are not robust. Ctrl-C ends the choice.
+    The initial gains, and candidates that are not worse, compete by the largest objective of the gains and their
+    neighbours, since gains that miss a limit when a third digit changes are not robust. That objective is nan if
+    Ctrl-C came before the neighbours of any gains were judged.
     """
-    best, nearby, stopped = before, inf, False
+    best, nearby, stopped = initial, inf, False
     try:
-        for gains in (before.gains, *choice):
+        for gains in (initial.gains, *candidates):
             own, *others = search.all([gains, *neighbours(gains, search.study)])
             largest = max(e.objective for e in (own, *others))
-            if own.objective <= before.objective and largest < nearby:
+            if own.objective <= initial.objective and largest < nearby:
                 best, nearby = own, largest
     except KeyboardInterrupt:
         stopped = True
@@ -170,7 +182,7 @@ def _chosen(search: _Search, before: Evaluation, choice: list[Gains]) -> tuple[E
 
 
 def _simplex(best: Evaluation, bounds: Sequence[tuple[float, float]]) -> Any:
-    """Return the logarithms of the best gains and of a step of 5 % of each, inwards near a bound."""
+    """Return a simplex of logarithms: the best gains, then each in turn 5 % larger, or smaller near its upper bound."""
     corner = np.log(list(best.gains.values()))
     simplex = np.tile(corner, (len(bounds) + 1, 1))
     for i, (_, upper) in enumerate(bounds):
@@ -179,10 +191,10 @@ def _simplex(best: Evaluation, bounds: Sequence[tuple[float, float]]) -> Any:
 
 
 class _Search:
-    """Evaluates gains that are not in the journal, and remembers the best.
+    """Evaluates gains that are not in the journal.
 
-    `map` is the function of that name, or that of `workers` processes; `seen` are the evaluations of this search, in
-    order, of which the journal may have more.
+    `map` is the built-in function, or the map of `workers` processes. `seen` contains the evaluations that this search
+    has requested, in order; the journal may contain others. `history` is the best objective over the search.
     """
 
     def __init__(self, study: Study, journal: Journal, progress: Progress, generations: int, workers: int) -> None:
@@ -205,22 +217,23 @@ class _Search:
         return [e for e in map(self._journal.find, gains) if e is not None]
 
     def objectives(self, points: list[Any]) -> list[float]:
-        # Ten digits, so that the journal is searched by gains without rounding errors.
+        # Rounded to ten digits: the journal finds gains only if they are equal.
         gains: list[Gains] = [{n: float(f"{exp(v):.10g}") for n, v in zip(self._names, x, strict=True)} for x in points]
         evaluations = self.all(gains)
         self.seen += evaluations
         return [e.objective for e in evaluations]
 
     def note(self, stage: str, generations: int = 0) -> None:
-        """Append the best objective to the history after further `generations`, and report it."""
+        """Append the best objective to the history, and report progress after `generations` more generations."""
         self._done += generations
         self.history.append(self.best.objective)
-        self._progress(f"{stage}, worst {self.best.worst.share:.3f} of its limit ({self.best.worst.requirement})",
+        worst = self.best.worst
+        self._progress(f"{stage} search, worst requirement {worst.requirement} at {worst.share:.3f} of its limit",
                        min(self._done, self._total), self._total)
 
 
 def _begin() -> None:
-    """Prepare a worker process: the parent alone handles Ctrl-C, and a parent that is killed ends its workers."""
+    """Prepare a worker process: it ignores Ctrl-C, which the parent handles, and ends when its parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is not None:
@@ -228,7 +241,7 @@ def _begin() -> None:
 
 
 def _evaluated(run: _Map, study: Study, gains: Sequence[Gains], workers: int) -> Iterator[list[Evaluation]]:
-    """Yield the evaluations of gains part by part; workers share the gains, of a single set of gains the cases."""
+    """Yield evaluations in parts: workers share the sets of gains or, if there is only one set, its cases."""
     if len(gains) > 1:
         together = _TOGETHER if library.available(study.base.model) else 1  # the Python kernel has no vectors
         size = min(together, -(-len(gains) // workers))
@@ -242,15 +255,15 @@ def _evaluated(run: _Map, study: Study, gains: Sequence[Gains], workers: int) ->
 
 @contextmanager
 def _processes(count: int) -> Iterator[_Map]:
-    """The `map` of several worker processes, or the usual one.
+    """Yield the map of `count` worker processes, or the built-in map for one.
 
-    Processes, since most of the work is Python's: threads would wait for the interpreter's lock.
+    Threads would wait for the interpreter's lock, since most of the work is done in Python.
     """
     if count <= 1:
         yield map
         return
     executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
-    masks = hasattr(signal, "pthread_sigmask")  # not on Windows, whose workers may report a Ctrl-C as they start
+    masks = hasattr(signal, "pthread_sigmask")  # not on Windows, where starting workers may report a Ctrl-C
     try:
         with uninterrupted():
             if masks:  # processes inherit the mask

@@ -1,4 +1,4 @@
-"""Outputs of a tuning run: a parameter file with provenance, JSON, a page, and a table for the terminal."""
+"""Outputs of a search for gains: a parameter file with provenance, JSON, a page, and a table for the terminal."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .optimise import Result
 
 
 def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
-    """Return a row for each requirement, in its worst case: the figure, the limit and the margin."""
+    """Return a row for each requirement, in its worst case: figure and limit in the unit shown, and margin."""
     worst = evaluation.by_requirement()
     judged = [(r, worst[r.name], *shown(r.unit)) for r in result.study.requirements]
     return [{"requirement": r.name, "figure": r.figure, "how": FIGURES[r.figure].title, "case": j.case,
@@ -29,13 +29,13 @@ def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
 
 
 def summary(result: Result) -> Table:
-    """Return a table of the requirements with the tuned gains, each in its worst case."""
+    """Return a table of the requirements, each in its worst case with the returned gains."""
     gains = ", ".join(f"{name} = {gain(value)}" for name, value in result.best.gains.items())
     return table(["requirement", "case", ">measured", ">limit", ">margin", ""], (
         [row["requirement"], row["case"], with_unit(row["measured"], row["unit"], row["limit"]),
          f"{'≤' if row['sense'] == 'maximum' else '≥'} {with_unit(row['limit'], row['unit'])}",
          percent(row["margin"]), "ok" if row["met"] else "MISSED"] for row in rows(result, result.best)),
-        f"{'Gains begun with' if result.unimproved else 'Tuned gains'}: {gains}", range(2, 5))
+        f"{'Initial gains' if result.unimproved else 'Tuned gains'}: {gains}", range(2, 5))
 
 
 def gain(value: float) -> str:
@@ -44,40 +44,40 @@ def gain(value: float) -> str:
 
 
 def verdict(result: Result) -> str:
-    """Return a line: how the search ended, whether all requirements are met, and which of them bind."""
+    """Return a line: how the search ended, whether all requirements are met, and which limit the result."""
     worst = result.best.worst
-    binding = f"what binds: {', '.join(result.binding)}"
+    binding = f"binding: {', '.join(result.binding)}"
     count = f"{len(result.evaluated)} evaluations"
-    none = f"after {count} no better than the set begun with"
-    so_far = (f"stopped by Ctrl-C, {none if result.unimproved else f'the best of {count}'}: " if result.stopped else
-              f"{none}, which is returned: " if result.unimproved else "")
+    none = f"after {count} no better than the initial gains"
+    ending = (f"stopped by Ctrl-C, {none if result.unimproved else f'the best of {count}'}: " if result.stopped else
+              f"{none}, which are returned: " if result.unimproved else "")
     if result.met:
-        return (f"{so_far}all requirements are met in every case; smallest margin {percent(worst.margin)}; "
+        return (f"{ending}all requirements are met in every case; smallest margin {percent(worst.margin)}; "
                 f"{binding}")
     missed = [row["requirement"] for row in rows(result, result.best) if not row["met"]]
     at = "ten times or more" if worst.share >= 10.0 else f"at {beside(100.0 * worst.share, 100.0)} % of"
-    return (f"{so_far}no gains were found that meet {', '.join(missed)}; the worst, {worst.requirement} in case "
+    return (f"{ending}no gains were found that meet {', '.join(missed)}; the worst, {worst.requirement} in case "
             f"{worst.case}, is {at} its limit; {binding}")
 
 
 def objectives(result: Result) -> str:
-    """Return a line: the objective of the initial and of the returned gains, and its change near these."""
-    before, returned = result.before.objective, result.best.objective
-    steep = "" if isnan(result.nearby) else (
-        f"; at most {number(result.nearby)} where a third digit changes by one")
-    return f"objective: {beside(before, returned)} before, {number(returned)} returned{steep}"
+    """Return a line: the objective of the initial and of the returned gains, and its largest value near the latter."""
+    initial, returned = result.before.objective, result.best.objective
+    nearby = "" if isnan(result.nearby) else (
+        f"; at most {number(result.nearby)} if the third digit of a gain changes by one")
+    return f"objective: {beside(initial, returned)} initial, {number(returned)} returned{nearby}"
 
 
 def at_bounds(result: Result) -> str:
-    """Return a line that names the gains at a bound of the search; empty if there are none."""
+    """Return a line that names the returned gains at a bound of the search; empty if there are none."""
     gains = ", ".join(f"{name} = {gain(result.best.gains[name])} ({bound})" for name, bound in result.at_bound.items())
-    return gains and f"at the bound of the search: {gains}; wider bounds may give more"
+    return gains and f"at the bound of the search: {gains}; wider bounds may give better gains"
 
 
 def write_tuned(result: Result, path: Path, command: str) -> None:
-    """Write the parameter set with the tuned gains, whose notes name the command and the smallest margin.
+    """Write a parameter file with the tuned gains; their notes name the command and the smallest margin.
 
-    If the search found nothing better, the set stays as it is, with the sources of its values.
+    If the search found nothing better, the file contains the initial gains with their sources.
     """
     worst = result.best.worst
     note = f"{command}; smallest margin {percent(worst.margin)} ({worst.requirement}, case {worst.case})"
@@ -90,7 +90,7 @@ def write_tuned(result: Result, path: Path, command: str) -> None:
 
 
 def write_json(result: Result, path: Path, command: str) -> None:
-    """Write gains, requirements in their worst cases, all judgements and the binding requirements."""
+    """Write a JSON file: gains [SI], requirements in their worst cases, all judgements, the requirements that bind."""
     writers.write_json({
         "schema": "emcas-tuning/1", "command": command, "model": result.study.base.actuator.name,
         "study": result.study.digest, "seed": result.seed,

@@ -1,4 +1,4 @@
-"""The pictures of a tuning run: responses, the search, and two requirements that conflict."""
+"""The pictures of a search for gains: responses, the search, and two requirements that conflict."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .optimise import Result
 
 _LEVEL: Mapping[str, Any] = {"color": VERMILLION, "linewidth": 0.7, "linestyle": "--"}
 _SHOWN = 1.0  # s, longest response that is plotted: longer than any settling of interest
-_NEAR = 1.6  # times the best objective, up to which evaluations count in the search for a conflict
+_NEAR = 1.6  # largest objective of evaluations that show a conflict, as a multiple of the best objective
 
 
 def drawings(result: Result, pair: tuple[str, str] | None = None) -> Iterator[Drawing]:
-    """Yield the pictures of a result; the trade-off is that of `pair`, by default of the two that conflict most."""
+    """Yield the pictures of a result; `pair` are the requirements of the trade-off, by default the most conflicting."""
     if moves := list(dict.fromkeys(
             r.test for r in result.study.requirements if r.test and r.test.kind in ("step", "slew"))):
         yield responses(result, moves)
@@ -34,9 +34,9 @@ def drawings(result: Result, pair: tuple[str, str] | None = None) -> Iterator[Dr
 def responses(result: Result, moves: Sequence[Test]) -> Drawing:
     """Plot steps and slews in every case, with the initial and the returned gains."""
     subject, columns = ParameterSubject(result.study.base), min(len(moves), 2)
-    drawn, grid = panels(len(moves), columns, width=10.0, height=2.6)
+    plot, grid = panels(len(moves), columns, width=10.0, height=2.6)
     for axes, test in zip(grid, moves, strict=True):
-        for gains, color, label in ((result.before.gains, GRAY, "before"), (result.best.gains, BLUE, "returned")):
+        for gains, color, label in ((result.before.gains, GRAY, "initial"), (result.best.gains, BLUE, "returned")):
             for case in result.study.cases:
                 run = response(test, subject, {**case.values, **gains})
                 if run.stopped is not None:
@@ -50,20 +50,20 @@ def responses(result: Result, moves: Sequence[Test]) -> Drawing:
         axes.set_title(f"{test.kind} to {degrees(test.amplitude):g} deg{load}")
         axes.set(xlabel="time [ms]", ylabel="fin angle [deg]")
         legend(axes, loc="lower right")
-    return Drawing("Responses", drawn, f"Every case ({', '.join(c.name for c in result.study.cases)}), positive "
-                                       "direction, with the gains begun with and those returned.")
+    return Drawing("Responses", plot, f"Every case ({', '.join(c.name for c in result.study.cases)}), positive "
+                                      "direction, with the initial and the returned gains.")
 
 
 def search(result: Result) -> Drawing:
-    """Plot the best objective during the search, and the objective over each gain."""
+    """Plot the best objective during the search, and the objective of all evaluations over each gain."""
     names = [t.name for t in result.study.tunables]
-    drawn, grid = figure(1, 1 + len(names), width=2.6 * (1 + len(names)), height=2.6)
+    plot, grid = figure(1, 1 + len(names), width=2.6 * (1 + len(names)), height=2.6)
     first, *others = grid.flat
     first.plot(result.history, color=GRAY)
-    for value, label in ((result.before.objective, "before"), (result.best.objective, "returned")):
-        first.axhline(value, label=label, **{**_LEVEL, "color": VERMILLION if label == "before" else BLUE})
+    for value, label in ((result.before.objective, "initial"), (result.best.objective, "returned")):
+        first.axhline(value, label=label, **{**_LEVEL, "color": VERMILLION if label == "initial" else BLUE})
     first.legend(loc="upper right")
-    first.set(xlabel="generation, then local evaluation", ylabel="best objective", title="Search")
+    first.set(xlabel="generation, then local iteration", ylabel="best objective", title="Search")
     objective = np.array([e.objective for e in result.evaluated])
     top = float(np.quantile(objective, 0.8))
     for axes, name in zip(others, names, strict=True):
@@ -71,12 +71,12 @@ def search(result: Result) -> Drawing:
         axes.semilogx(gains, np.minimum(objective, top), ".", color=GRAY, markersize=2.0)
         axes.axvline(result.best.gains[name], color=BLUE, linewidth=0.8)
         axes.set(title=name.removeprefix("controller."), xlabel="value")
-    return Drawing("Search", drawn, f"{len(result.evaluated)} sets of gains. Each dot is one; the line is the set "
-                                    "returned. A gain with a sharp lower edge matters, one with a flat edge does not.")
+    return Drawing("Search", plot, f"{len(result.evaluated)} sets of gains, one dot each; the vertical line is the "
+                                   "returned gain. A gain matters if the lower edge of its dots has a sharp minimum.")
 
 
 def front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return the Pareto front of points, of which small coordinates are good, the first coordinate ascending."""
+    """Return the Pareto front of points whose coordinates should be small, in ascending order of the first."""
     best: list[tuple[float, float]] = []
     for x, y in sorted(set(points)):
         if not best or y < best[-1][1]:
@@ -91,17 +91,19 @@ def shares(evaluations: Sequence[Evaluation], first: str, second: str) -> list[t
 
 def conflict(evaluations: Sequence[Evaluation], pair: tuple[str, str] | None = None
              ) -> tuple[str, str, float] | None:
-    """Return a pair of requirements, or the two that conflict most near the best, with the rank correlation of their
-    shares there; None if none conflict."""
+    """Return a pair of requirements, by default the two that conflict most, with the rank correlation of their shares.
+
+    The correlation is over the evaluations near the best objective. None if no two requirements conflict.
+    """
     if not evaluations:
         return None
     best = min(e.objective for e in evaluations)
     near = [e.by_requirement() for e in evaluations if e.objective <= _NEAR * best]
     columns = {name: np.array([judgements[name].share for judgements in near]) for name in near[0]}
     # Figures that hardly vary or do not exist show no conflict.
-    lively = [name for name, column in columns.items() if np.ptp(column) > 0.02 and column.max() < HOPELESS]
+    varying = [name for name, column in columns.items() if np.ptp(column) > 0.02 and column.max() < HOPELESS]
     rated = [(_correlation(columns[first], columns[second]), first, second)
-             for first, second in ([pair] if pair else combinations(lively, 2))]
+             for first, second in ([pair] if pair else combinations(varying, 2))]
     correlation, first, second = min(rated, key=lambda entry: entry[0], default=(0.0, "", ""))
     if not pair and correlation > -0.3:
         return None
@@ -115,19 +117,19 @@ def _correlation(first: Any, second: Any) -> float:
 
 def trade(result: Result, first: str, second: str, correlation: float) -> Drawing:
     """Plot the shares of two requirements' limits against each other, with their Pareto front."""
-    drawn, (axes,) = column(f"{second} / limit", x=f"{first} / limit", width=6.0, height=3.6)
+    plot, (axes,) = column(f"{second} / limit", x=f"{first} / limit", width=6.0, height=3.6)
     pairs = shares(result.evaluated, first, second)
     points = np.array(pairs)
     near = points[(points < min(HOPELESS, 3.0)).all(axis=1)]
     axes.plot(near[:, 0], near[:, 1], ".", color=GRAY, markersize=2.5)
-    inside = [p for p in front(pairs) if max(p) < 3.0]
-    axes.plot([p[0] for p in inside], [p[1] for p in inside], ".-", color=GREEN, label="none is better in both")
+    shown = [p for p in front(pairs) if max(p) < 3.0]
+    axes.plot([p[0] for p in shown], [p[1] for p in shown], ".-", color=GREEN, label="best combinations")
     best = shares([result.best], first, second)[0]
     axes.plot(*best, "o", color=BLUE, label="returned")
     axes.axvline(1.0, **_LEVEL)
     axes.axhline(1.0, **_LEVEL)
     axes.legend(loc="upper right")
     return Drawing(
-        "What one costs the other", drawn,
-        f"{first} and {second} as shares of their limits, worst case each (rank correlation near the "
-        f"best {correlation:.2f}); below and left of the dashed lines both are met.")
+        "Trade-off between two requirements", plot,
+        f"{first} and {second} as shares of their limits, each in its worst case (rank correlation near the best: "
+        f"{correlation:.2f}). Both are met below and left of the dashed lines.")

@@ -30,8 +30,8 @@ from ...parameters import ParameterSet, load_parameters, shipped_file
 from ...parameters.schema import In, Quantity, Table, document, each, read
 from ...support import extras
 
-_OVER, _WITHOUT = "over", "without"  # keys of a study that differs from another one
-_AT_BOUND = 0.01  # of the range searched, on its logarithmic scale
+_OVER, _WITHOUT = "over", "without"  # keys of a study that changes another one
+_AT_BOUND = 0.01  # distance at which a value is at a bound: share of the logarithmic range between the bounds
 
 
 class StudyError(EmcasError):
@@ -40,21 +40,21 @@ class StudyError(EmcasError):
 
 @dataclass(frozen=True)
 class Tunable:
-    """A parameter that is searched on a logarithmic scale between two positive bounds, SI."""
+    """A tunable parameter, searched on a logarithmic scale between two positive bounds [SI]."""
 
     name: str
     lower: float
     upper: float
 
     def bound(self, value: float) -> str:
-        """Return the bound, lower or upper, that a value is within 1 % of the range of; empty if neither."""
+        """Return ``lower`` or ``upper`` if a value is within 1 % of the range from that bound, otherwise empty."""
         share = log(value / self.lower) / log(self.upper / self.lower)
         return "lower" if share <= _AT_BOUND else "upper" if share >= 1.0 - _AT_BOUND else ""
 
 
 @dataclass(frozen=True)
 class Study:
-    """A study of the parameter set `base`."""
+    """A study of the parameter set `base`: what to tune, and the cases and requirements that judge the gains."""
 
     base: ParameterSet
     tunables: tuple[Tunable, ...]
@@ -67,9 +67,9 @@ class Study:
         return Specification(self.requirements, self.cases)
 
     def judged_by(self, file: Path) -> Study:
-        """Return the study with the requirements of a file, in the file's cases or, if it has none, in the study's.
+        """Return the study with the requirements of a file, in its cases or, if it has none, in all cases of the study.
 
-        Raises EmcasError.
+        Raises EmcasError if the file cannot be used.
         """
         required = load_requirements(file, self.base)
         requirements = _measurable(required.requirements, self.base)
@@ -80,7 +80,7 @@ class Study:
 
     @property
     def digest(self) -> str:
-        """A hash of all on which the figures of gains depend."""
+        """Hash of everything that determines the figures for given gains, and of their bounds."""
         tuned = {t.name for t in self.tunables}
         actuator = self.base.actuator
         parts = [{n: v for n, v in self.base.values.items() if n not in tuned}, *map(asdict, self.tunables),
@@ -90,7 +90,7 @@ class Study:
 
 
 def _measurable(requirements: Iterable[Requirement], base: ParameterSet) -> tuple[Requirement, ...]:
-    """Return the requirements that can be measured of a set; others are optional, or for the acceptance report."""
+    """Return the requirements that can be measured for a parameter set (:meth:`.Requirement.obstacle`)."""
     subject = ParameterSubject(base)
     return tuple(r for r in requirements if not r.obstacle(subject))
 
@@ -109,8 +109,8 @@ def _tunables(entries: Any, info: ValidationInfo) -> Any:
         bounds = _Bounds.model_validate(entry, context=unit)
         if bounds.lower == 0.0 < bounds.upper:
             least = max(1e-3 * bounds.upper, unit.minimum)
-            raise ValueError("lower = 0: the search is on a logarithmic scale, which has no 0; write a small value "
-                             f"such as {least:.3g} {unit.unit}, or give 0 in a parameter file and do not tune it")
+            raise ValueError("lower = 0: the logarithmic scale of the search has no 0; write a small value such as "
+                             f"{least:.3g} {unit.unit}, or set 0 in a parameter file and do not tune it")
         if not max(unit.minimum, 0.0) <= bounds.lower < bounds.upper <= unit.maximum or bounds.lower <= 0.0:
             raise ValueError(f"expected 0 < lower < upper, {unit.limits}")
         return Tunable(name, bounds.lower, bounds.upper)
@@ -134,23 +134,23 @@ class _File(_CasesOfFile):
 
 @cache
 def shipped_cases(base: ParameterSet) -> tuple[Case, ...]:
-    """Return the cases of the shipped study, even if its requirements cannot be measured."""
+    """Return the cases of the shipped study, even if its requirements cannot be measured. Raises StudyError."""
     return tuple(_read(_CasesOfFile, shipped_file("tuning", base.model), base).cases.values())
 
 
-def _read(kind: type[_Read], path: Path, base: ParameterSet) -> _Read:
-    """Return a study's file; without cases of its own it has those of the actuator's without extensions."""
+def _read(schema: type[_Read], path: Path, base: ParameterSet) -> _Read:
+    """Return a study's file; if it has no cases, with those shipped for the actuator without extensions."""
     contents = _over_another(document(path, StudyError)[1], path)
     if "cases" not in contents and is_shipped(base.model):
         contents["cases"] = document(shipped_file("tuning", parts(base.model)[0]), StudyError)[1]["cases"]
-    return read(kind, contents, path, StudyError, base)
+    return read(schema, contents, path, StudyError, base)
 
 
 def _over_another(contents: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Return a study with what it takes over from the study that it is `over`, a file in the same folder.
+    """Return the contents of a study, completed by the study that `over` names, a file in the same folder.
 
-    Its tunables and cases replace the other's as a whole, its requirements those of the same name; those named by
-    `without` are left out. Raises StudyError.
+    Tunables and cases replace those of the other file as a whole; a requirement replaces the one with its name.
+    Requirements named in `without` are left out. Raises StudyError.
     """
     other, without = contents.pop(_OVER, None), contents.pop(_WITHOUT, [])
     if other is None and not without:
@@ -159,11 +159,11 @@ def _over_another(contents: dict[str, Any], path: Path) -> dict[str, Any]:
         raise StudyError(f'{path}: {_OVER} = {other!r} with {_WITHOUT} = {without!r}: expected the file of a study, '
                          'such as "nonlinear+trajectory.toml", and a list of names of its requirements')
     file = path.with_name(other)
-    below = document(file, StudyError)[1]
-    named = {**_by_name(below, file), **_by_name(contents, path)}
+    inherited = document(file, StudyError)[1]
+    named = {**_by_name(inherited, file), **_by_name(contents, path)}
     if unknown := [each for each in without if each not in named]:
         raise StudyError(f"{path}: {_WITHOUT}: {other} has no requirement {unknown[0]}{hint(str(unknown[0]), named)}")
-    return {**below, **contents, "requirements": [each for name, each in named.items() if name not in without]}
+    return {**inherited, **contents, "requirements": [each for name, each in named.items() if name not in without]}
 
 
 def _by_name(contents: dict[str, Any], path: Path) -> dict[str, Any]:
@@ -174,7 +174,7 @@ def _by_name(contents: dict[str, Any], path: Path) -> dict[str, Any]:
 
 
 def has_shipped_study(base: ParameterSet) -> bool:
-    """Return whether a shipped study is for this kind of actuator or fits it, even if a package is missing."""
+    """Return whether a shipped study is for this kind of actuator or fits it, even if an extra is not installed."""
     kind = parts(base.model)[0]
     if kind == NONLINEAR or shipped_file("tuning", base.model).stem == kind:
         return True
@@ -188,7 +188,7 @@ def has_shipped_study(base: ParameterSet) -> bool:
 def shipped_study(base: ParameterSet) -> Study:
     """Return the shipped study for a parameter set.
 
-    Raises StudyError, for example if the actuator does not have the parameters that it tunes.
+    Raises StudyError, for example if the actuator lacks a parameter that the study tunes.
     """
     try:
         return load_study(shipped_file("tuning", base.model), base)
@@ -198,16 +198,20 @@ def shipped_study(base: ParameterSet) -> Study:
             raise
         if not is_shipped(base.model):
             tunable = ", ".join(v.name for v in base.actuator.parameters if v.variability == "tunable")
-            raise StudyError(f"model {base.model}: the shipped studies are of shipped actuators; name a study of this "
-                             f"actuator's parameters (docs/tools/tuning.md){f': {tunable}' * bool(tunable)}") from error
+            raise StudyError(f"model {base.model}: the shipped studies are for shipped actuators; write a study for "
+                             f"this actuator's parameters (docs/tools/tuning.md){f': {tunable}' * bool(tunable)}"
+                             ) from error
         first, *_ = str(error).splitlines()
-        having = [name for name in NAMES if has_shipped_study(load_parameters(model=name))]
-        raise StudyError(f"model {base.model}: the shipped studies are of {', '.join(having)}, and do not fit "
-                         f"(first: {first}); name a study of this actuator's parameters") from error
+        studied = [name for name in NAMES if has_shipped_study(load_parameters(model=name))]
+        raise StudyError(f"model {base.model}: the shipped studies are for {', '.join(studied)}, and do not fit "
+                         f"(first problem: {first}); write a study for this actuator's parameters") from error
 
 
 def load_study(path: Path, base: ParameterSet) -> Study:
-    """Return the study of a TOML file (see models/tuning.toml) for a parameter set. Raises StudyError."""
+    """Return the study in a TOML file (see models/tuning.toml) for a parameter set. Raises StudyError.
+
+    Requirements that cannot be measured are left out.
+    """
     file = _read(_File, path, base)
     return Study(base, tuple(file.tunables.values()), tuple(file.cases.values()),
                  _measurable(file.requirements.values(), base))
