@@ -1,4 +1,4 @@
-"""What commands share: options for a model, its parameters and outputs; checks of outputs; failures; progress."""
+"""Parts that commands share: options for a model, its parameters and outputs; checks; failures; progress."""
 
 from __future__ import annotations
 

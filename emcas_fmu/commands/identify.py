@@ -96,7 +96,7 @@ def friction(
         "--keep-cold-ratios", help="Keep the parameters' ratios of cold to warm friction: for sweeps at one "
                                    "temperature.")] = False,
 ) -> None:
-    """Identify viscous and Coulomb friction per direction, and cold ratios, from sweeps at constant speed.
+    """Identify viscous and Coulomb friction per direction, and cold-to-warm ratios, from sweeps at constant speed.
 
     Columns: time, motor_angle, motor_current, temperature (motor_speed, if present, is checked).
     """

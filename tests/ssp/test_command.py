@@ -37,7 +37,7 @@ def test_check_fails(edited: Edit, tmp_path: Path) -> None:
 def test_what_could_not_be_checked_is_said(edited: Edit) -> None:
     spoilt = edited("SystemStructure.ssd", 'kind="input"', 'kind="inlet"')
     printed = emcas("check", spoilt, code=1)
-    assert "not checked until that is corrected: wiring and parameters of SystemStructure.ssd" in printed
+    assert "not checked until these errors are corrected: wiring and parameters of SystemStructure.ssd" in printed
     assert "variants cold, degraded" in printed
     assert "not checked" not in emcas("check", edited("SystemStructure.ssd"))
 

@@ -80,11 +80,11 @@ def test_what_a_set_amounts_to_by_closed_forms() -> None:
     assert amounts["stroke of the nut from stop to stop"] == pytest.approx(
         1e3 * arm * (tan(stop + start) + tan(stop - start)), rel=rel)
     assert amounts["motor turns per turn of the fin"] == pytest.approx(ratio, rel=rel)
-    assert amounts["a count of the motor's encoder"] == pytest.approx(360.0 / 8192.0 / ratio, rel=6e-3)
+    assert amounts["one count of the motor's encoder"] == pytest.approx(360.0 / 8192.0 / ratio, rel=6e-3)
     # Where the lever is square to the screw, at -5 deg; one of 101 points of the range is there.
-    assert amounts["least hinge moment that stalls it"] == pytest.approx(0.11 * 60.0 * ratio, rel=rel)
-    assert amounts["least fin rate without load"] == pytest.approx(degrees(300.0 / ratio * np.cos(limit + start)**2),
-                                                                   rel=rel)
+    assert amounts["smallest hinge moment that stalls it"] == pytest.approx(0.11 * 60.0 * ratio, rel=rel)
+    assert amounts["smallest fin rate without load"] == pytest.approx(
+        degrees(300.0 / ratio * np.cos(limit + start)**2), rel=rel)
 
 
 def test_a_hinge_moment_that_stalls_it() -> None:
@@ -92,7 +92,7 @@ def test_a_hinge_moment_that_stalls_it() -> None:
     dry = load_parameters().with_values({f"friction.coulomb.{side}": [0.0] * 7 for side in ("positive", "negative")})
     assert [*stalled(dry, 414.0)] == []
     (said,) = stalled(dry, 415.0)
-    assert "415 N.m stalls it" in said
+    assert "415 N.m stalls the actuator" in said
     assert "414.7 N.m" in said
     assert [*stalled(load_parameters(model="second-order"), 1e6)] == []
 
@@ -104,7 +104,7 @@ def test_others_amount_to_nothing_here(model: str) -> None:
 
 def test_the_command(file: Path) -> None:
     said = CliRunner().invoke(app, ["parameters", "-p", str(file)]).output
-    assert "least hinge moment that stalls it" in said
+    assert "smallest hinge moment that stalls it" in said
     assert "  motor: inductance, pole_pairs\n" in said
     assert "Still shipped estimates: " in said
     assert "Still shipped estimates" not in CliRunner().invoke(app, ["parameters"]).output
@@ -123,4 +123,4 @@ def test_the_command(file: Path) -> None:
 def test_a_hinge_moment_that_is_none() -> None:
     refused = CliRunner().invoke(app, ["parameters", "--sensitivity", str(inf)])
     assert refused.exit_code == 2
-    assert "--sensitivity inf: give a hinge moment in N.m" in refused.stderr
+    assert "--sensitivity inf: give a finite hinge moment in N.m" in refused.stderr

@@ -54,7 +54,7 @@ class Tunable:
 
 @dataclass(frozen=True)
 class Study:
-    """A study of the parameter set `base`: what to tune, and the cases and requirements that judge the gains."""
+    """A study of the parameter set `base`: tunable parameters, and the cases and requirements that judge gains."""
 
     base: ParameterSet
     tunables: tuple[Tunable, ...]
@@ -80,7 +80,7 @@ class Study:
 
     @property
     def digest(self) -> str:
-        """Hash of everything that determines the figures for given gains, and of their bounds."""
+        """Hash of everything except the gains that determines their figures, and of their bounds."""
         tuned = {t.name for t in self.tunables}
         actuator = self.base.actuator
         parts = [{n: v for n, v in self.base.values.items() if n not in tuned}, *map(asdict, self.tunables),
