@@ -174,7 +174,7 @@ optional = true
 
 
 @pytest.mark.parametrize(("arguments", "said"), [
-    (("--set", "fin_command=0.1"), "--set fin_command: is moved in the page"),
+    (("--set", "fin_command=0.1"), "--set fin_command: a slider of the page sets it"),
     (("--set", "controller.position.kq=1"), "controller.position.kp"),
     (("--set", "fin.stop_angle=0.1"), "fin.stop_angle"),
     (("--date", "tomorrow"), "--date tomorrow: expected a date"),
