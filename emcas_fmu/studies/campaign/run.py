@@ -37,18 +37,13 @@ ALLOWED_DEATHS = 1
 _AHEAD = 3  # tasks submitted per thread, so that no thread waits for the client
 # Workers run this first. A terminal sends Ctrl-C to every process; only the client handles it, and ends the workers.
 _UNINTERRUPTED = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
-<<<<<<< HEAD
-_CONNECT = 20.0  # s, to reach a scheduler
-_WORKERS = 120.0  # s, to the first worker
-# Without any worker on this machine, after which a run ends. A restart needs 3 s, and tens on a busy machine.
-_RESTARTED = 300.0  # s
-# Dask gives a worker up for good if it does not run at one instant, by default 15 s after it died: also if it restarts
-# slowly, or has died again since. Without workers the run would wait for ever.
-_NEVER = "365 days"
-=======
 _CONNECT = 20.0  # s, longest wait for a scheduler
 _WORKERS = 120.0  # s, longest wait for the first worker
->>>>>>> 1ba88d09 (Prose of tuning, campaigns, identification and starter files)
+# A run without any worker on this machine ends after this time [s]. A restart needs 3 s, and tens on a busy machine.
+_RESTARTED = 300.0
+# Dask removes a worker for good if it is not running at one instant, by default 15 s after its death: also if it
+# restarts slowly, or has died again since. Without workers the run would wait for ever.
+_NEVER = "365 days"
 
 Work = Callable[[Study, Sequence[int], Array], Rows]
 Keep = Callable[[Rows], object]
@@ -159,14 +154,9 @@ def by_dask(client: Any, study: Study, missing: Indices, keep: Keep, chunk: int 
             work: Work = rows) -> None:
     """Run the samples `missing` (indices) on a client's workers; pass rows to `keep` in the order of completion.
 
-<<<<<<< HEAD
-    The samples of a task whose workers died are run again one at a time, alone; one that kills its workers again is
-    recorded as failed. Raises CampaignError if the scheduler is lost, or no worker on this machine restarts.
-=======
     Samples of a task whose workers died are run again, one at a time; a sample that kills its workers again is recorded
-    as failed. `work` computes the rows of a task. Raises CampaignError if the connection to the scheduler is lost, and
-    KeyboardInterrupt at Ctrl-C.
->>>>>>> 1ba88d09 (Prose of tuning, campaigns, identification and starter files)
+    as failed. `work` computes the rows of a task. Raises CampaignError if the connection to the scheduler is lost or no
+    worker on this machine restarts, and KeyboardInterrupt at Ctrl-C.
     """
     threads = max(sum(client.ncores().values()), 1)
 
@@ -180,11 +170,7 @@ def by_dask(client: Any, study: Study, missing: Indices, keep: Keep, chunk: int 
 
 @contextmanager
 def _connected() -> Iterator[None]:
-<<<<<<< HEAD
-    """Raise what a client raises without its scheduler, or without workers, as CampaignError."""
-=======
-    """Raise CampaignError in place of the errors of a client whose scheduler is gone."""
->>>>>>> 1ba88d09 (Prose of tuning, campaigns, identification and starter files)
+    """Raise CampaignError in place of the errors of a client whose scheduler or whose workers are gone."""
     distributed = _distributed()
     closed = getattr(distributed.client, "ClosedClientError", TimeoutError)  # not in older versions
     try:
