@@ -1,4 +1,4 @@
-"""What a file that declares an actuator needs: ``import emcas_fmu.declare as em``."""
+"""Names for a file that declares an actuator: ``import emcas_fmu.declare as em``."""
 
 from .actuators import capabilities as capabilities
 from .actuators import fin_port as fin_port

@@ -13,18 +13,18 @@ from inspect import unwrap
 from pathlib import Path
 from typing import Any
 
-_DENIED = ("permission denied", "change its permissions or give another file", "choose another place")
-_FULL = ("the disk is full", "free some space", "free some space or choose another place")
+_DENIED = ("permission denied", "change its permissions or choose another file", "choose another path")
+_FULL = ("the disk is full", "free some space", "free some space or choose another path")
 _QUOTA = getattr(errno, "EDQUOT", errno.ENOSPC)  # missing on Windows
-# By the operating system's code: the problem, the remedy for a file to be read, and for one to be written.
+# For each error code of the system: the problem, the remedy for a file to be read, and for a file to be written.
 _REASONS = {
     errno.ENOENT: ("there is no such file or folder", "check its name", "make its folder first"),
-    errno.EISDIR: ("it is a folder", "give a file", "give a file"),
+    errno.EISDIR: ("it is a folder", "choose a file", "choose a file"),
     errno.ENOTDIR: ("a part of its path is a file, not a folder", "check the path", "check the path"),
     errno.EACCES: _DENIED, errno.EPERM: _DENIED, errno.EROFS: _DENIED, _QUOTA: _FULL, errno.ENOSPC: _FULL,
-    errno.EFBIG: ("it would be larger than files may be here", "give another file",
-                  "choose another place, or see ulimit -f"),
-    errno.ENAMETOOLONG: ("the name is too long", "check its name", "choose a shorter one"),
+    errno.EFBIG: ("it would exceed the largest size of a file", "choose another file",
+                  "choose another path, or see ulimit -f"),
+    errno.ENAMETOOLONG: ("the name is too long", "check its name", "choose a shorter name"),
 }
 
 
@@ -37,7 +37,7 @@ class EmcasWarning(UserWarning):
 
 
 class ArgumentError(EmcasError, ValueError):
-    """An argument cannot be used; the message has the function, the argument, its value and the expected kind."""
+    """An argument cannot be used; the message names the function, the argument, its value and the expected type."""
 
 
 class BuildError(EmcasError):
@@ -47,8 +47,8 @@ class BuildError(EmcasError):
 def unreadable(path: Path | str, error: OSError | UnicodeDecodeError) -> str:
     """Return the message for a file that cannot be read, with the remedy."""
     if isinstance(error, UnicodeDecodeError):
-        return (f"{path}: cannot be read: it is not a text file in UTF-8 (byte {error.start}); give a text file, or "
-                "save it as UTF-8")
+        return (f"{path}: cannot be read: it is not a text file in UTF-8 (byte {error.start}); choose a text file, "
+                "or save it as UTF-8")
     reason, remedy, _ = _reason(error)
     return f"{path}: cannot be read: {reason}; {remedy}"
 
@@ -69,7 +69,7 @@ def writing(path: Path | str) -> Iterator[None]:
 
 
 def in_words(error: OSError) -> str:
-    """Return the message for an error of the operating system, with the file that it names, if any."""
+    """Return the message for an error of the operating system; it names the file if the error does."""
     if error.filename is None:
         return error.strerror or str(error)
     path = os.fsdecode(error.filename)
@@ -78,7 +78,7 @@ def in_words(error: OSError) -> str:
 
 
 def _reason(error: OSError) -> tuple[str, str, str]:
-    return _REASONS.get(error.errno or 0, (error.strerror or str(error), "give another file", "choose another place"))
+    return _REASONS.get(error.errno or 0, (error.strerror or str(error), "choose another file", "choose another path"))
 
 
 def location(function: Callable[..., Any]) -> str:
@@ -88,14 +88,14 @@ def location(function: Callable[..., Any]) -> str:
 
 
 def declared_in(path: Path, name: str, call: str = "") -> str:
-    """Return a Python file, with the line where a `call` or, by default, any has a `name` as its first argument."""
+    """Return a Python file's path, with the line where `name` is the first argument of a `call`, by default of any."""
     text = path.read_text(encoding="utf-8", errors="replace")
     where = re.search(rf"{call}[(=]\s*(['\"]){re.escape(name.partition('[')[0])}\1", text)
     return f"{path}, line {text.count(chr(10), 0, where.start(1)) + 1}" if where else str(path)
 
 
 def called_from(path: Path) -> str:
-    """Return file, line and name of the function of a file that is being executed, "" if there is none."""
+    """Return file, line and name of the function that is being executed in a file; "" if none is."""
     name, frame = str(path), sys._getframe()
     while frame is not None and frame.f_code.co_filename != name:
         frame = frame.f_back  # type: ignore[assignment]
@@ -103,6 +103,6 @@ def called_from(path: Path) -> str:
 
 
 def hint(word: Any, among: Iterable[str]) -> str:
-    """Return the known word nearest to an unknown one, as the end of a message; "" if none is near."""
+    """Return the end of a message with the word in `among` that is nearest to an unknown `word`; "" if none is near."""
     close = get_close_matches(str(word), list(among), 1)
     return f"; did you mean {close[0]}?" if close else ""

@@ -15,7 +15,7 @@ _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 
 
 class Names(SimpleNamespace):
-    """Values by name; the error for an unknown name lists the known ones."""
+    """Values as attributes; the error for an unknown name lists the known names."""
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
@@ -24,13 +24,13 @@ class Names(SimpleNamespace):
 
 
 class Record(Names):
-    """Named values at one instant: states, or inputs that act on them. They do not change."""
+    """Values as attributes that cannot be set: the states at one instant, or the inputs that act on them."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        raise AttributeError(f"{name} cannot be set here; use a variable of your own, or return it")
+        raise AttributeError(f"{name} cannot be set here; use a local variable, or return the value")
 
     def replace(self: R, /, **changes: Any) -> R:
-        """Return a copy with other values. Raises TypeError for an unknown name."""
+        """Return a copy in which the named values are changed. Raises TypeError for an unknown name."""
         known = vars(self)
         if unknown := [name for name in changes if name not in known]:
             raise TypeError(f"there is no {', '.join(unknown)}; there is {', '.join(known)}")
@@ -38,7 +38,7 @@ class Record(Names):
 
 
 def with_values(p: Any, changes: Mapping[str, Any]) -> Any:
-    """Return a copy of a namespace with the values of some dotted names changed or added."""
+    """Return a copy of a namespace; the values of the dotted names in `changes` are changed or added."""
     copy = Names(**vars(p))
     for name, value in changes.items():
         first, _, rest = name.partition(".")
@@ -47,7 +47,10 @@ def with_values(p: Any, changes: Mapping[str, Any]) -> Any:
 
 
 def with_values_where(ops: Any, condition: Any, p: Any, changes: Mapping[str, Any]) -> Any:
-    """Return a copy of a namespace with the values of some dotted names changed where a condition holds."""
+    """Return a copy of a namespace; the values of the dotted names in `changes` are changed where `condition` holds.
+
+    Raises AttributeError for a name that the namespace does not have.
+    """
     return with_values(p, {name: ops.where(condition, value, value_of(p, name)) for name, value in changes.items()})
 
 
@@ -59,7 +62,8 @@ def value_of(p: Any, name: str) -> Any:
 def namespace(values: Mapping[str, Any], structure: Any = None) -> Any:
     """Return nested namespaces from values with dotted names; ``a.b[0]``, ``a.b[1]``, ... become the tuple ``a.b``.
 
-    `structure` is stored under that name: choices that are fixed when an actuator is composed, not parameters.
+    The elements of a tuple are in the order of `values`. `structure`, which contains no parameters but the choices made
+    when an actuator is composed, becomes the attribute of that name.
     """
     arrays: dict[str, list[Any]] = {}
     flat: dict[str, Any] = {}

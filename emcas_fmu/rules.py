@@ -1,7 +1,7 @@
 """Limits of parameters and rules for their combinations. Standard library only: this file is embedded in the FMU.
 
-A rule is a function of the operations namespace, like the equations that need it, so that both back ends apply the
-same rule. Messages are printf formats with numbers.
+A rule is a function of the operations `ops`, as the equations are: both back ends apply the same rule. Messages are
+printf formats for numbers.
 """
 
 from __future__ import annotations
@@ -12,27 +12,27 @@ from itertools import pairwise
 from math import inf, isfinite, pi
 from typing import Any, NamedTuple
 
-SCAN = 100  # points on each side of zero
+SCAN = 100  # shares of the travel on each side of 0 at which a scanned rule is evaluated
 SHARES = tuple(i / SCAN for i in range(-SCAN, SCAN + 1))
-"""Shares of the travel at which a scanned rule is evaluated."""
-# Relative. Equal limits may differ in the last digit if they are written in different units.
+"""Shares of the travel, from -1 to 1, at which a scanned rule is evaluated."""
+# Relative tolerance of comparisons: equal values may differ in the last digit if they are written in different units.
 SLACK = 1e-12
 
 NOT_FINITE = "%s = %.9g is not a finite number"
 BELOW = "%s = %.9g is below its minimum %.9g"
 ABOVE = "%s = %.9g is above its maximum %.9g"
-TOO_LATE = ("start time %.9g s: a clock counts there in steps that are too coarse for the solver's ticks; start within "
+TOO_LATE = ("start time %.9g s: at this time numbers are too coarse for the solver's ticks; choose a start time within "
             "+-%.6g s")
-UNCONNECTED = "%s at the first command, so that the fin does not follow it; if that is not meant, connect this input"
+UNCONNECTED = "%s at the first command: the fin does not follow the command; connect this input if it should follow"
 ANGLE = "%.6g rad (%.6g deg)"
 
 
 class Rule(NamedTuple):
     """A condition for a combination of parameters.
 
-    `check(ops, p, share)` returns the amount by which the rule is broken (above zero: broken) and the numbers of the
-    `message`. A `scanned` rule is evaluated at shares of the travel from -1 to 1, and the worst one is reported. A
-    `warning` is about values that are allowed but unusual.
+    `check(ops, p, share)` returns the amount by which the rule is broken (above zero: broken) and the numbers for the
+    `message`. A `scanned` rule is evaluated at shares of the travel from -1 to 1, and the worst share is reported. A
+    rule with `warning` reports values that are allowed but unusual.
     """
 
     check: Callable[[Any, Any, Any], tuple[Any, ...]]
@@ -42,12 +42,12 @@ class Rule(NamedTuple):
 
 
 def rule(message: str, *, scanned: bool = False, warning: bool = False) -> Callable[[Callable[..., Any]], Rule]:
-    """Return a decorator that makes a check the rule with this message."""
+    """Return a decorator that turns a check into the :class:`Rule` with this message."""
     return lambda check: Rule(check, message, scanned, warning)
 
 
 Check = tuple[Callable[[float], tuple[Any, ...]], str, bool, bool]
-"""A rule bound to parameters: check of a share of the travel, message, whether it is scanned, whether a warning."""
+"""A rule bound to parameters: check(share of the travel), message, whether it is scanned, whether it only warns."""
 
 
 def in_degrees(angle: Any) -> Any:
@@ -56,12 +56,12 @@ def in_degrees(angle: Any) -> Any:
 
 
 def when(ops: Any, condition: Any) -> Any:
-    """Return the amount by which a yes-or-no rule is broken: 1 if `condition` holds, else 0."""
+    """Return the amount by which a rule is broken whose violation is a `condition`: 1 if it holds, else 0."""
     return ops.where(condition, 1.0, 0.0)
 
 
 def rising(name: str, count: int, unit: str = "1") -> Rule:
-    """Return the rule that the `count` values of an array of parameters, such as the points of a table, increase."""
+    """Return the rule that the `count` values of an array of parameters, such as a table's points, strictly increase."""
     @rule(f"{name} = [{', '.join(['%.6g'] * count)}]{'' if unit == '1' else ' ' + unit} must rise from point to point")
     def check(ops: Any, p: Any, _: Any) -> tuple[Any, ...]:
         points = reduce(getattr, name.split("."), p)
@@ -74,7 +74,8 @@ def rising(name: str, count: int, unit: str = "1") -> Rule:
 
 
 def at_most(name: str, limit: str, unit: str = "", otherwise: str = "") -> Rule:
-    """Return the rule that a parameter is at most another one in the same `unit`; `otherwise` says what follows."""
+    """Return the rule that a parameter is at most the parameter `limit`, both in `unit`; `otherwise` ends the message.
+    """
     unit = unit and f" {unit}"
 
     @rule(f"{name} = %.6g{unit} must be at most {limit} = %.6g{unit}{otherwise}")
@@ -86,9 +87,9 @@ def at_most(name: str, limit: str, unit: str = "", otherwise: str = "") -> Rule:
 
 
 def check_ranges(values: Mapping[str, float], table: Iterable[tuple[str, float, float]]) -> list[str]:
-    """Return the problems of single values, by a table of (name, minimum, maximum): not finite, or outside the limits.
+    """Return a message for each value that is not finite or outside its limits.
 
-    Raises KeyError if `values` lacks a name.
+    `table` contains (name, minimum, maximum). Raises KeyError if `values` lacks a name.
     """
     problems = []
     for name, minimum, maximum in table:
@@ -103,7 +104,10 @@ def check_ranges(values: Mapping[str, float], table: Iterable[tuple[str, float, 
 
 
 def check_rules(checks: Iterable[Check], warnings: bool = False) -> list[str]:
-    """Return a message for each broken rule with the numbers at its worst share; only refusals, or only `warnings`."""
+    """Return a message for each broken rule, with the numbers at its worst share.
+
+    With `warnings` these are the rules that only warn, otherwise those that refuse.
+    """
     problems = []
     for check, message, scanned, warning in checks:
         if warning != warnings:

@@ -16,7 +16,7 @@ from pint import Unit, UnitRegistry
 from .errors import hint
 
 RPM = 30.0 / pi
-"""rpm in 1 rad/s: pages and terminals show speeds of motors and screws in rpm."""
+"""Speed [rpm] of 1 rad/s: pages and terminals show speeds of motors and screws in rpm."""
 
 # In pint's notation: "name = definition = symbol = alias = ...".
 _DEFINITIONS = """
@@ -89,16 +89,16 @@ class UnitError(ValueError):
 
 
 def quantity(written: str, written_unit: str, unit: str) -> float:
-    """Return a number in `unit`, from text such as ``50 mm``, or from ``50`` and a separate `written_unit`.
+    """Return the value in `unit` of text such as ``50 mm``, or of ``50`` with a separate `written_unit`.
 
-    Raises UnitError with the expected unit.
+    Raises UnitError, whose message follows the name of the value.
     """
     match = _QUANTITY.fullmatch(written)
     if not match:
         raise UnitError(f"is not a number; expected {describe(unit)}")
     number, unit_in_text = match.groups()
     if unit_in_text and written_unit:
-        raise UnitError(f"has two units, {unit_in_text} and {written_unit}")
+        raise UnitError(f"has two units, {unit_in_text} and {written_unit}; leave one out")
     if not isfinite(float(number)):
         raise UnitError(f"is not a finite number; expected {describe(unit)}")
     if not (unit_in_text or written_unit) and unit != "1":
@@ -110,7 +110,7 @@ def quantity(written: str, written_unit: str, unit: str) -> float:
 def convert(amount: Decimal, written: str, unit: str) -> float:
     """Convert `amount` from the unit `written` to `unit`; degC and degF are absolute temperatures.
 
-    Raises UnitError with the problem of `written`.
+    Raises UnitError if `written` is unknown or cannot be converted.
     """
     with localcontext(Context(prec=34)):
         source, target = _parse(written), _parse(unit)
@@ -127,7 +127,7 @@ def convert(amount: Decimal, written: str, unit: str) -> float:
 
 @cache
 def to_base(unit: str) -> tuple[dict[str, int], float, float]:
-    """Return a unit's dimensions with integer exponents, and its factor and offset to SI base units.
+    """Return the integer exponents of a unit's dimensions, and its factor and offset to SI base units.
 
     Raises UnitError for an unknown unit.
     """
@@ -141,13 +141,13 @@ def to_base(unit: str) -> tuple[dict[str, int], float, float]:
 
 
 def factor(unit: str, other: str) -> float:
-    """Return the factor from `unit` to the `other` unit."""
+    """Return the value of 1 `unit` in the `other` unit. Raises UnitError for an unknown unit."""
     with localcontext(Context(prec=34)):
         return float(_registry().Quantity(Decimal(1), _parse(unit)).to(_parse(other)).magnitude)
 
 
 def describe(unit: str) -> str:
-    """Return in words how a quantity in this unit is written."""
+    """Return the expected text of a quantity in `unit`, for messages."""
     return "a pure number" if unit == "1" else f"a number with a unit such as {unit}"
 
 

@@ -1,8 +1,8 @@
-"""Variables of an interface, and short functions to declare them.
+"""Variables of an interface, and functions that declare them.
 
-Every actuator declares its variables (:mod:`emcas_fmu.actuators`); model description, parameter files, kernels and
-documentation are generated from them. Values of parameters are in parameter files, each with its source. A name that
-has been released is never changed.
+Every actuator declares its variables (:mod:`emcas_fmu.actuators`). Model description, kernels and documentation are
+generated from these declarations. Parameter files contain the values of parameters, each with its source. A released
+name is never changed.
 """
 
 from __future__ import annotations
@@ -23,14 +23,15 @@ class Variable:
 
     - ``minimum``, ``maximum``: limits, inclusive; infinite if there is no physical limit.
     - ``start``: start value of an input; default of a parameter that its file may leave out.
-    - ``key``: entry of the parameter file that contains an input's start value.
-    - ``items``: values of an enumeration from 1 on, each with its meaning.
+    - ``key``: name of the parameter-file entry that contains an input's start value.
+    - ``items``: name and meaning of each value of an enumeration; the values count from 1.
     - ``bits``: names of the flags of an Integer that is a word of flags, the lowest bit first.
     - ``sheet``: document and name under which a user finds the value, as in "motor: rotor inertia"; empty if no data
       sheet or drawing has it.
-    - ``display``, ``quantity``: unit in which people read it, and what it measures, if these differ from the defaults
-      for its unit (:mod:`emcas_fmu.fmi.units`).
-    - ``limited_by``: parameters whose sum limits the magnitude of an output, for actuators that have them.
+    - ``display``, ``quantity``: unit in which pages and hosts show the value, and name of the measured quantity, such
+      as "BulkModulus"; by default those that belong to its unit (:mod:`emcas_fmu.fmi.units`).
+    - ``limited_by``: parameters whose sum limits the magnitude of an output; ignored unless the actuator has all of
+      these parameters.
     """
 
     name: str
@@ -52,11 +53,17 @@ class Variable:
     limited_by: tuple[str, ...] = ()
 
     def initial(self, values: Mapping[str, Any]) -> Any:
-        """Return the start value of an input; `values` are the actuator's parameters by name."""
+        """Return the start value of an input: the entry `key` of `values`; without a key `start`, or 0.0 if not set.
+
+        `values` are the actuator's parameters and start values by name. Raises KeyError if they lack the entry.
+        """
         return values[self.key] if self.key else self.start or 0.0
 
     def in_words(self, value: float) -> str:
-        """Return a value in words: the item of an enumeration, the flags that are set, or the number."""
+        """Return a value in words: an enumeration's item, the flags that are set or "none", or the number in 5 digits.
+
+        The items of an enumeration count from 1.
+        """
         if self.items:
             return self.items[int(value) - 1][0]
         if self.bits:
@@ -64,13 +71,13 @@ class Variable:
         return f"{value:.5g}"
 
     def flags(self, value: float) -> tuple[str, ...]:
-        """Return the names of the flags that are set in a word."""
+        """Return the names of the flags that are set in `value`, a word of flags."""
         return tuple(name for i, name in enumerate(self.bits) if int(value) >> i & 1)
 
 
 @dataclass(frozen=True)
 class Terminal:
-    """Inputs and outputs of one connector."""
+    """A connector of the interface; `members` are the names of its inputs and outputs."""
 
     name: str
     description: str
@@ -82,14 +89,15 @@ def real_input(name: str, unit: str, description: str, *, minimum: float = -inf,
                sheet: str = "") -> Variable:
     """Declare a continuous input.
 
-    `unit` is the unit of limits, nominal and start value. The start value is `start` or the parameter-file entry `key`.
+    Limits, nominal and start value are in `unit`. The start value is the parameter-file entry `key` or, without a key,
+    `start`.
     """
     return Variable(name, "Real", "input", "continuous", unit, description, minimum, maximum, nominal, start, key,
                     sheet=sheet)
 
 
 def boolean_input(name: str, description: str, start: bool) -> Variable:
-    """Declare a Boolean input."""
+    """Declare a Boolean input with its start value."""
     return Variable(name, "Boolean", "input", "discrete", "", description, start=start)
 
 
@@ -97,7 +105,7 @@ def real_output(name: str, unit: str, description: str, nominal: float, *, minim
                 maximum: float = inf, display: str = "", limited_by: tuple[str, ...] = ()) -> Variable:
     """Declare a continuous output.
 
-    `unit` is the unit of nominal value and limits, which must hold for all parameters and inputs.
+    Nominal value and limits are in `unit`; the limits must hold for all parameters and inputs.
     """
     return Variable(name, "Real", "output", "continuous", unit, description, minimum, maximum, nominal,
                     display=display, limited_by=limited_by)
@@ -109,27 +117,30 @@ def boolean_output(name: str, description: str) -> Variable:
 
 
 def integer_output(name: str, description: str, bits: tuple[str, ...] = ()) -> Variable:
-    """Declare an Integer output; `bits` are the names of the flags if it is a word of flags."""
+    """Declare an Integer output; if it is a word of flags, `bits` are their names, the lowest bit first."""
     return Variable(name, "Integer", "output", "discrete", "", description, minimum=0 if bits else -inf,
                     maximum=2 ** len(bits) - 1 if bits else inf, bits=bits)
 
 
 def parameter(name: str, unit: str, minimum: float, maximum: float, description: str, sheet: str = "", *,
               display: str = "", quantity: str = "") -> Variable:
-    """Declare a parameter that is fixed after initialization; `unit` is also that of its limits."""
+    """Declare a Real parameter that is fixed after initialization; its limits are in `unit`."""
     return Variable(name, "Real", "parameter", "fixed", unit, description, minimum, maximum, sheet=sheet,
                     display=display, quantity=quantity)
 
 
 def array(name: str, count: int, unit: str, minimum: float, maximum: float, description: str) -> tuple[Variable, ...]:
-    """Declare an array of parameters, such as the points or the values of a table; equations read it as a tuple."""
+    """Declare an array of `count` Real parameters ``name[0]``, ``name[1]``, ..., such as the points of a table.
+
+    The limits, in `unit`, apply to each. Equations read the array as a tuple.
+    """
     return tuple(parameter(f"{name}[{i}]", unit, minimum, maximum, f"{description}, point {i + 1}")
                  for i in range(count))
 
 
 def tunable(name: str, unit: str, minimum: float, maximum: float, description: str, sheet: str = "", *,
             display: str = "") -> Variable:
-    """Declare a parameter that may be changed during a simulation; `unit` is also that of its limits."""
+    """Declare a Real parameter that may be changed during a simulation; its limits are in `unit`."""
     return Variable(name, "Real", "parameter", "tunable", unit, description, minimum, maximum, sheet=sheet,
                     display=display)
 
@@ -140,28 +151,29 @@ def integer_parameter(name: str, minimum: int, maximum: int, description: str, s
 
 
 def switch(name: str, description: str, sheet: str = "") -> Variable:
-    """Declare a Boolean parameter that is fixed after initialization."""
+    """Declare a switch: a Boolean parameter that is fixed after initialization."""
     return Variable(name, "Boolean", "parameter", "fixed", "", description, sheet=sheet)
 
 
 def in_group(group: str, *variables: Variable) -> tuple[Variable, ...]:
-    """Return variables with the group in front of their names: ``peak_time`` becomes ``heat.peak_time``."""
+    """Return variables with `group` in front of their names: in "heat" ``peak_time`` becomes ``heat.peak_time``."""
     return tuple(replace(v, name=f"{group}.{v.name}") for v in variables)
 
 
-def with_outputs(outputs: tuple[Variable, ...], further: tuple[Variable, ...]) -> tuple[Variable, ...]:
-    """Return outputs with further ones appended, each once."""
+def with_outputs(outputs: tuple[Variable, ...], added: tuple[Variable, ...]) -> tuple[Variable, ...]:
+    """Return `outputs`, then those of `added` whose names are not among `outputs`."""
     names = {v.name for v in outputs}
-    return (*outputs, *(v for v in further if v.name not in names))
+    return (*outputs, *(v for v in added if v.name not in names))
 
 
 def only(variables: Iterable[Variable], *prefixes: str) -> tuple[Variable, ...]:
-    """Return the variables whose names begin with one of the prefixes, in their order.
+    """Return the variables whose names begin with one of the prefixes, in the order of `variables`.
 
-    Raises ValueError for a prefix of no variable.
+    Raises ValueError for a prefix with which no name begins.
     """
     listed = tuple(variables)
     for prefix in prefixes:
         if not any(v.name.startswith(prefix) for v in listed):
-            raise ValueError(f"there is no variable {prefix}")
+            raise ValueError(f"no variable's name begins with {prefix!r}; the names are "
+                             f"{', '.join(v.name for v in listed)}")
     return tuple(v for v in listed if v.name.startswith(prefixes))

@@ -46,7 +46,7 @@ _OTHER_SUPPLY = "em.Supply({}, {}, inverse_inductance="
     (("    clipped = ops", "    ops.sinh(demand)\n    clipped = ops"), "    clipped = ops",
      "ops has no sinh; did you mean sin?"),
     (("    clipped = ops", "    x.integral = 0.0\n    clipped = ops"), "    clipped = ops",
-     "integral cannot be set here; use a variable of your own"),
+     "integral cannot be set here; use a local variable"),
     (("    rise = voltage", "    u.supply = 0.0\n    rise = voltage"), "    rise = voltage",
      "supply cannot be set here"),
     (("    clipped = ops", "    demand ** 2\n    clipped = ops"), "    clipped = ops", "write ops.pow(x, y)"),

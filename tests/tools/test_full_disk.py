@@ -107,7 +107,7 @@ def run_full(made: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, Sequ
 def check(done: Result) -> None:
     assert done.exit_code == 2, done.output
     (said,) = [line for line in done.stderr.splitlines() if "warning:" not in line and not line.startswith("tune ")]
-    assert re.fullmatch(r"error: \S+: cannot be written: the disk is full; free some space or choose another place",
+    assert re.fullmatch(r"error: \S+: cannot be written: the disk is full; free some space or choose another path",
                         said)
 
 

@@ -12,7 +12,7 @@ from tests.marks import slow
 from tests.tools.test_full_disk import OLD, SMALL
 
 EMCAS = f"'{sys.executable}' -m emcas_fmu.cli"
-FULL = "error: standard output: cannot be written: the disk is full; free some space or choose another place\n"
+FULL = "error: standard output: cannot be written: the disk is full; free some space or choose another path\n"
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs /dev/full")
 # Ctrl-C when a command has gone this many steps: the same signal to the same process, at a moment that is the same
 # however busy the machine is.

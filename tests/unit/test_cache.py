@@ -159,7 +159,7 @@ def test_a_disk_that_fills_up_is_said_once_by_the_first_compiler(place: Path, ca
     assert len(tried) == 1
     (line,) = _said(caplog)
     assert line.startswith(f"no compiled kernel, Python is used instead: {place}{os.sep}kernel_{SMALL}_")
-    assert line.endswith(": cannot be written: the disk is full; free some space or choose another place")
+    assert line.endswith(": cannot be written: the disk is full; free some space or choose another path")
     assert not list(place.iterdir())  # no half of a library
 
 

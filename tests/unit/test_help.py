@@ -120,11 +120,11 @@ def test_a_step_that_does_not_settle_says_for_how_long_it_was_waited_for(tmp_pat
 
 
 @pytest.mark.parametrize(("code", "said"), [
-    (errno.EACCES, "x.csv: cannot be written: permission denied; choose another place"),
-    (errno.ENOSPC, "x.csv: cannot be written: the disk is full; free some space or choose another place"),
-    (errno.EISDIR, "x.csv: cannot be written: it is a folder; give a file"),
+    (errno.EACCES, "x.csv: cannot be written: permission denied; choose another path"),
+    (errno.ENOSPC, "x.csv: cannot be written: the disk is full; free some space or choose another path"),
+    (errno.EISDIR, "x.csv: cannot be written: it is a folder; choose a file"),
     (errno.ENOENT, "x.csv: cannot be read: there is no such file or folder; check its name"),
-    (errno.EIO, "x.csv: cannot be written: Input/output error; choose another place")])
+    (errno.EIO, "x.csv: cannot be written: Input/output error; choose another path")])
 def test_errors_of_the_system_name_file_and_remedy(code: int, said: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(typer.Exit), common.failures():
         raise OSError(code, "Input/output error", "x.csv")

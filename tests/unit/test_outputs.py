@@ -68,7 +68,7 @@ def test_files_are_tried_first(command: str, option: str) -> None:
     Path(f"folder{ending}").mkdir()
     for output, said in ((f"folder{ending}", "is a folder"), (f"none/x{ending}", "there is no folder none"),
                          (f"bad.toml/x{ending}", "there is no folder bad.toml"),
-                         (f"{'x' * 300}{ending}", "cannot be written: the name is too long; choose a shorter one")):
+                         (f"{'x' * 300}{ending}", "cannot be written: the name is too long; choose a shorter name")):
         assert said in refused(command, name, output)
 
 
@@ -104,7 +104,7 @@ def test_a_disk_that_is_full_already_is_said_first(command: str, option: str, mo
     Path(f"old{ending}").write_text("old", encoding="utf-8")
     for output in (f"old{ending}", f"new{ending}"):
         said = refused(command, name, output)
-        assert re.fullmatch(r"error: \S+: cannot be written: the disk is full; free some space or choose another place",
+        assert re.fullmatch(r"error: \S+: cannot be written: the disk is full; free some space or choose another path",
                             said)
     assert Path(f"old{ending}").read_text(encoding="utf-8") == "old"
 

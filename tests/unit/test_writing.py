@@ -124,7 +124,7 @@ def test_devices_that_are_full_are_said() -> None:
 
 
 @pytest.mark.parametrize(("path", "said"), [
-    ("none/x", "there is no such file or folder; make its folder first"), ("sub", "it is a folder; give a file"),
+    ("none/x", "there is no such file or folder; make its folder first"), ("sub", "it is a folder; choose a file"),
     ("file/x", "a part of its path is a file, not a folder"), ("x" * 300, "the name is too long; choose a shorter")])
 def test_refusals_name_file_and_remedy(path: str, said: str) -> None:
     Path("sub").mkdir()
@@ -234,7 +234,7 @@ def run(code: str, shell: str = "{}") -> subprocess.CompletedProcess[str]:
 def test_a_limit_of_the_system_is_met_half_way() -> None:
     Path("x").write_text("old")
     done = run("write('x', 'y' * 100_000)", "ulimit -f 20; {}")  # of 512 or 1024 bytes
-    assert "x: cannot be written: it would be larger than files may be here; choose another place" in done.stderr
+    assert "x: cannot be written: it would exceed the largest size of a file; choose another path" in done.stderr
     assert Path("x").read_text() == "old"
     assert names() == ["code.py", "x"]
 
