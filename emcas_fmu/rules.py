@@ -61,7 +61,7 @@ def when(ops: Any, condition: Any) -> Any:
 
 
 def rising(name: str, count: int, unit: str = "1") -> Rule:
-    """Return the rule that the `count` values of an array of parameters, such as a table's points, strictly increase."""
+    """Return the rule that the `count` values of an array, such as the points of a table, strictly increase."""
     @rule(f"{name} = [{', '.join(['%.6g'] * count)}]{'' if unit == '1' else ' ' + unit} must rise from point to point")
     def check(ops: Any, p: Any, _: Any) -> tuple[Any, ...]:
         points = reduce(getattr, name.split("."), p)

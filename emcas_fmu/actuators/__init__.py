@@ -1,8 +1,8 @@
-"""The actuators by name: those shipped, those of installed packages, and those in a user's file.
+"""The actuators by name: shipped ones, those of installed packages, and those in a user's file.
 
-A shipped actuator is a module here with its ACTUATOR, a line in `_MODULES`, and a parameter file in
-``models/actuators``. Extensions (:mod:`emcas_fmu.extensions`) extend any actuator that provides what they need. Names
-combine both: ``elastic+heat+faults``, ``my_actuator.py+faults``.
+A shipped actuator has a module here with its ACTUATOR, a line in `_MODULES`, and a parameter file in
+``models/actuators``. Extensions (:mod:`emcas_fmu.extensions`) extend any actuator that provides the capabilities which
+they need. A name combines both: ``elastic+heat+faults``, ``my_actuator.py+faults``.
 """
 
 from __future__ import annotations
@@ -38,22 +38,22 @@ _MODULES = {
     "electrohydraulic": "hydraulic.electrohydraulic",
 }
 NAMES = tuple(_MODULES)
-_OVER = {"worm-gear-elastic": "worm-gear"}  # shipped actuators whose parameter file overrides that of another
+_OVER = {"worm-gear-elastic": "worm-gear"}  # shipped actuators whose parameter file overrides another actuator's
 # In the order in which they extend an actuator.
 EXTENSIONS: tuple[str, ...] = ("stribeck", "lugre", "uneven", "efficiency", "saturation", "inverter", "sensors", "heat",
                                "filters", "homing", "trajectory", "supply", "faults")
 HALVES: tuple[str, ...] = ("controller", "plant")
-"""An actuator's controllers or plant alone (:mod:`emcas_fmu.extensions.halves`), named behind its extensions."""
+"""Halves of an actuator, its controllers or its plant alone (:mod:`emcas_fmu.extensions.halves`)."""
 TORQUE = "torque"
-"""The interface with which the host has the fin (:mod:`emcas_fmu.extensions.torque`), named behind the extensions."""
+"""Interface of an actuator whose fin the host simulates (:mod:`emcas_fmu.extensions.torque`)."""
 FMU_ONLY = (*HALVES, TORQUE)
-"""What only FMUs are built of, not simulated: these names follow those of the extensions."""
+"""Halves and interface that only FMUs can have: in a name they follow the extensions."""
 _SEPARATOR = "+"
 _NAME = re.compile(r"(.*\.py|[^+]*)((?:\+[^+]*)*)", re.DOTALL)
 
 
 def split(name: str) -> tuple[str, list[str]]:
-    """Return actuator and extensions of a name, as written; the path of a file may contain a +."""
+    """Return the actuator and the extensions in a name, as written; the path of a file may contain a +."""
     actuator, extensions = _NAME.fullmatch(name).groups()  # type: ignore[union-attr]  # every text matches
     return actuator, extensions.split(_SEPARATOR)[1:]
 
@@ -61,11 +61,11 @@ def split(name: str) -> tuple[str, list[str]]:
 def parts(name: str) -> tuple[str, tuple[str, ...]]:
     """Return the actuator and the extensions, in their order, of a name such as ``elastic+faults+heat``.
 
-    Raises EmcasError for an unknown one.
+    Raises EmcasError for an unknown actuator or extension, and for an extension that appears twice.
     """
     actuator, extensions = split(name)
     if actuator in EXTENSIONS:
-        raise EmcasError(f"model {name}: {actuator} is an extension of an actuator: "
+        raise EmcasError(f"model {name}: {actuator} is an extension; name an actuator before it, as in "
                          f"{_SEPARATOR.join((NONLINEAR, name))}")
     for extension in extensions:
         if extension not in (*EXTENSIONS, *FMU_ONLY):
@@ -92,12 +92,12 @@ def _known(actuator: str, name: str) -> str:
 
 
 def is_shipped(name: str) -> bool:
-    """Return whether a name, which may have extensions, is that of a shipped actuator, not of a user's."""
+    """Return whether a name, with or without extensions, is that of a shipped actuator."""
     return split(name)[0] in _MODULES
 
 
 def is_named(text: str) -> bool:
-    """Return whether a text names an actuator: a shipped or an installed one, or a Python file; extensions may follow.
+    """Return whether a text is the name of an actuator, shipped, installed or in a Python file; extensions may follow.
     """
     from . import external
 
@@ -106,32 +106,38 @@ def is_named(text: str) -> bool:
 
 
 def full_name(name: str) -> str:
-    """Return the unambiguous name of an actuator, its extensions in their order. Raises EmcasError."""
+    """Return the unambiguous name of an actuator: a file's absolute path, extensions in their order.
+
+    Raises EmcasError for an unknown name.
+    """
     actuator, extensions = parts(name)
     return _SEPARATOR.join((actuator, *extensions))
 
 
 def with_extension(name: str, extension: str) -> str:
-    """Return the name of an actuator with a further extension. Raises EmcasError."""
+    """Return the full name of an actuator with an additional extension. Raises EmcasError for an unknown name."""
     return full_name(_SEPARATOR.join((name, extension)))
 
 
 def of_fmu(name: str, part: str | None, interface: str) -> str:
-    """Return the name of the actuator in an FMU of a `part`, or with an `interface`. Raises EmcasError."""
+    """Return the name of the actuator in an FMU: `name` with the half that `part` names, or with the torque interface.
+
+    Raises EmcasError for an unknown name or part.
+    """
     if part and part not in HALVES:
         raise EmcasError(f"part {part}: there is {' and '.join(HALVES)}{hint(part, HALVES)}")
-    further = part or (TORQUE if interface == TORQUE else "")
-    return with_extension(name, further) if further else name
+    addition = part or (TORQUE if interface == TORQUE else "")
+    return with_extension(name, addition) if addition else name
 
 
 @checked
 def get(name: str) -> Actuator:
-    """Return the actuator of a name, its extensions in any order. Raises EmcasError."""
+    """Return the actuator with a name, whose extensions may be in any order. Raises EmcasError for an unknown name."""
     return _get(*parts(name))
 
 
 def get_extension(name: str) -> Extension:
-    """Return the extension of a name."""
+    """Return the extension, half or interface with a name that is known."""
     module, attribute = ("halves", name.upper()) if name in HALVES else (name, "EXTENSION")
     extension: Extension = getattr(import_module(f"..extensions.{module}", __name__), attribute)
     return extension
@@ -161,19 +167,19 @@ def _extended(actuator: Actuator, extension: Extension, name: str, extensions: t
 
 
 def require(name: str, purpose: str, *needs: str, actuator: Actuator | None = None) -> None:
-    """Raise EmcasError, with the actuators that qualify, if one lacks a capability that a purpose needs."""
+    """Raise EmcasError, with the actuators that qualify, if actuator `name` lacks a capability that `purpose` needs."""
     chosen = get(name) if actuator is None else actuator
     if missing := [need for need in needs if need not in chosen.provides]:
         having = [each for each in NAMES if get(each).provides.issuperset(needs)]
-        shown, remedy = missing[:1], f"{chosen.name} has none,"
+        shown, remedy = missing[:1], f"{chosen.name} has none; choose"
         if not is_shipped(name):  # the user may add all of them
-            shown, remedy = missing, f"let {chosen.name} provide {_to_declare(chosen, missing)}"
-        raise EmcasError(f"model {name}: {purpose} needs {', '.join(shown)}; {remedy} {', '.join(having)} "
-                         f"{'has' if len(having) == 1 else 'have'}")
+            shown, remedy = missing, f"let {chosen.name} provide {_to_declare(chosen, missing)}, or choose"
+        choices = " or ".join(filter(None, (", ".join(having[:-1]), *having[-1:])))
+        raise EmcasError(f"model {name}: {purpose} needs {', '.join(shown)}; {remedy} {choices}")
 
 
 def _to_declare(actuator: Actuator, needs: Sequence[str]) -> str:
-    """Return the names of capabilities, and of variables and states with them that an actuator has not declared."""
+    """Return the names of capabilities, and those of the variables and states that an actuator must add for them."""
     from . import capabilities
 
     constants = {words: key for key, words in vars(capabilities).items() if isinstance(words, str)}
@@ -183,7 +189,7 @@ def _to_declare(actuator: Actuator, needs: Sequence[str]) -> str:
         *capabilities.NEEDED_VARIABLES[need], *(f"state {each}" for each in capabilities.NEEDED_STATES[need])))
     declared = [name for name in dict.fromkeys(of_needs) if name not in has]
     return (", ".join(f"em.capabilities.{constants[need]}" for need in needs)
-            + (f" and declare {', '.join(declared)}" if declared else "") + ";")
+            + (f" and declare {', '.join(declared)}" if declared else ""))
 
 
 def extension_outputs(name: str) -> tuple[Variable, ...]:
@@ -194,19 +200,22 @@ def extension_outputs(name: str) -> tuple[Variable, ...]:
 
 
 def extension_inputs(name: str) -> dict[str, frozenset[str]]:
-    """Return, for each Real output that an extension in a name adds, the parameters that the extension adds."""
+    """Return, for each Real output that an extension in a name adds, the parameters that the same extension adds."""
     actuator, extensions = parts(name)
     layers = [_get(actuator, extensions[:k]) for k in range(len(extensions) + 1)]
-    rests: dict[str, frozenset[str]] = {}
+    found: dict[str, frozenset[str]] = {}
     for below, over in pairwise(layers):
         outputs, parameters = ({v.name for v in new} - {v.name for v in old} for new, old in (
             (over.outputs, below.outputs), (over.file_entries, below.file_entries)))
-        rests |= {v.name: frozenset(parameters) for v in over.outputs if v.name in outputs and v.kind == "Real"}
-    return rests
+        found |= {v.name: frozenset(parameters) for v in over.outputs if v.name in outputs and v.kind == "Real"}
+    return found
 
 
 def default_files(name: str) -> tuple[Path, ...]:
-    """Return the parameter files with an actuator's defaults; later ones override earlier ones."""
+    """Return the parameter files with an actuator's defaults; later files override earlier ones.
+
+    Raises EmcasError for an unknown name.
+    """
     base, extensions = parts(name)
     folder = models_directory()
     files = get(base).files

@@ -18,28 +18,28 @@ from ..variables import Variable, parameter
 
 
 class Deviation(NamedTuple):
-    """A parameter ``deviation.X``, and the plant's parameters that it scales, or shifts."""
+    """A parameter ``deviation.X``, and the plant's parameters that it scales or shifts."""
 
     variable: Variable
     scales: tuple[str, ...] = ()
     shifts: tuple[str, ...] = ()
 
     def scaling(self, *names: str) -> Deviation:
-        """Return the deviation with other parameters that it scales."""
+        """Return the deviation, but scaling the parameters with these names."""
         return self._replace(scales=names)
 
 
 def _deviation(name: str, minimum: float, maximum: float, description: str, *scales: str) -> Deviation:
-    variable = parameter(f"deviation.{name}", "1", minimum, maximum, f"{description} as built over nominal, less 1")
+    variable = parameter(f"deviation.{name}", "1", minimum, maximum, f"relative deviation as built of {description}")
     return Deviation(variable, scales)
 
 
-MOMENT_ARM = _deviation("kinematics.moment_arm", -0.5, 0.5, "moment arm", "kinematics.moment_arm")
+MOMENT_ARM = _deviation("kinematics.moment_arm", -0.5, 0.5, "the moment arm", "kinematics.moment_arm")
 INITIAL_ANGLE = Deviation(
     parameter("deviation.kinematics.initial_angle", "rad", radians(-10.0), radians(10.0),
-              "assembly angle of the lever as built, less nominal"), shifts=("kinematics.initial_angle",))
-LEAD = _deviation("screw.lead", -0.5, 0.5, "screw lead", "screw.lead")
-# The magnets' flux makes both constants.
+              "deviation as built of the lever's assembly angle"), shifts=("kinematics.initial_angle",))
+LEAD = _deviation("screw.lead", -0.5, 0.5, "the screw lead", "screw.lead")
+# Both constants are proportional to the flux of the magnets.
 FLUX = _deviation("motor.torque_constant", -0.5, 0.5, "torque and back-EMF constant",
                   "motor.torque_constant", "motor.back_emf_constant")
 FIN = _deviation("mass.fin", -0.9, 10.0, "mass and inertia of the fin", "mass.fin", "inertia.fin")
@@ -47,14 +47,15 @@ COULOMB = _deviation("friction.coulomb", -1.0, 10.0, "Coulomb friction", "fricti
                      "friction.coulomb.negative", *mechanics.HINGE_DRY)
 VISCOUS = _deviation("friction.viscous", -1.0, 10.0, "viscous friction", "friction.viscous.positive",
                      "friction.viscous.negative", *mechanics.HINGE_VISCOUS)
-RATED_FLOW = _deviation("valve.rated_flow", -0.9, 10.0, "rated flow", "valve.rated_flow")
+RATED_FLOW = _deviation("valve.rated_flow", -0.9, 10.0, "the rated flow", "valve.rated_flow")
 
 ENCODER, OFFSET, COMPLIANCE, BACKLASH = IMPERFECTIONS = ("encoder", "drive offset", "compliance", "backlash")
-"""What moves the held fin angle of a nominal actuator, too; one without it may be a simpler model."""
+"""Imperfections of the held fin angle that an accuracy budget names as absent from an actuator without them."""
 
 
 def plant(*deviations: Deviation) -> Callable[[Ops, Any], Any]:
-    """Return the function that returns the plant's parameters, without further deviations, from the nominal ones."""
+    """Return the function of (ops, p) that applies the deviations to nominal parameters and sets the deviations to 0.
+    """
     def as_built(_: Ops, p: Any) -> Any:
         changes: dict[str, Any] = {}
         for variable, scales, shifts in deviations:

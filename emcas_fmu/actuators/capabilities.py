@@ -1,21 +1,21 @@
-"""Capabilities of actuators, in words for messages: extensions and tools name those that they need.
+"""Capabilities of actuators, each a phrase for messages: extensions and tools name those that they need.
 
-An actuator with a capability declares its variables and states. Some stand for equations that the package shares
-(:mod:`emcas_fmu.physics`): their parameters are declared, too, or returned by ``equation_parameters``.
+An actuator that provides a capability declares the variables and states that it implies. Some capabilities also imply
+parameters of shared equations (:mod:`emcas_fmu.physics`), which are declared or returned by ``equation_parameters``.
 """
 
 from __future__ import annotations
 
 NEEDED_VARIABLES: dict[str, tuple[str, ...]] = {}
-"""Every capability, with the inputs, outputs, parameters and start values that an actuator with it has."""
+"""For every capability the inputs, outputs, parameters and start values that an actuator with it declares."""
 NEEDED_STATES: dict[str, tuple[str, ...]] = {}
-"""Every capability, with the states that an actuator with it has."""
+"""For every capability the states that an actuator with it declares."""
 NEEDED_PARAMETERS: dict[str, tuple[str, ...]] = {}
-"""Every capability, with the parameters of shared equations that it stands for."""
+"""For every capability the parameters of shared equations that an actuator with it has."""
 
 
 def _capability(words: str, *variables: str, states: tuple[str, ...] = (), shared: tuple[str, ...] = ()) -> str:
-    """Register a capability, and return its words."""
+    """Register a capability, and return its phrase."""
     NEEDED_VARIABLES[words], NEEDED_STATES[words], NEEDED_PARAMETERS[words] = variables, states, shared
     return words
 
@@ -23,7 +23,7 @@ def _capability(words: str, *variables: str, states: tuple[str, ...] = (), share
 _MECHANICS = ("kinematics.moment_arm", "screw.lead", "inertia.motor", "friction.viscous.positive",
               "friction.viscous.negative", "friction.fin_viscous")
 OF_LOOP = ("motor.inductance", "drive.kp", "drive.ki", "drive.current_gain")
-"""Those of a drive whose structure has a current loop."""
+"""Parameters that a capability implies only for a drive whose structure has a current loop."""
 
 MOTOR_CURRENT = _capability("a motor current", "motor_current", "motor.resistance", "motor.torque_constant",
                             "motor.back_emf_constant")
@@ -57,11 +57,11 @@ CASCADE = _capability("loops of position and velocity in cascade", "controller.p
 SUPPLY_VOLTAGE = _capability("a supply voltage", "supply_voltage")
 SUPPLY_PRESSURE = _capability("a supply pressure", "supply_pressure")
 AMBIENT_TEMPERATURE = _capability("an ambient temperature", "friction.temperature")
-DRIVE_STEP = _capability("a motor current that the shared equations of the drive step", "motor.resistance",
+DRIVE_STEP = _capability("a motor current stepped by the shared equations of the drive", "motor.resistance",
                          "motor.torque_constant", "motor.back_emf_constant", "motor_speed", "motor_torque",
                          states=("motor_speed", "motor_current", "drive_integral"),
                          shared=OF_LOOP)
-PHASES = _capability("phases of a motor on a bridge, which alone `enable` opens", "motor.resistance",
+PHASES = _capability("motor phases on a bridge, the only part that `enable` switches", "motor.resistance",
                      "motor.inductance", "motor.torque_constant", "motor.back_emf_constant",
                      states=("motor_angle", "motor_speed", "motor_current", "drive_integral"), shared=OF_LOOP)
 SCREW_EQUATIONS = _capability("loops and equation parameters of motor, screw and lever", "drive.transport_delay",

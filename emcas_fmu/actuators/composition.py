@@ -1,4 +1,4 @@
-"""Groups of parameters, rules, outputs and capabilities, of which actuators are composed."""
+"""Groups of parameters, rules, outputs and capabilities, from which actuators are composed."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ Change = Callable[[Ops, Any], Any]
 class Output(NamedTuple):
     """An output and its equation, a function of ops, the parameters as built and :attr:`Composition.moment`.
 
-    Without an equation it is the value of its name in the moment, or the state of its name.
+    Without an equation the output is the value with its name in the moment or, if there is none, the state.
     """
 
     variable: Variable
     value: fin_port.Equation | None = None
 
     def of(self, ops: Ops, p: Any, now: Record) -> Value:
-        """Return the value at a moment."""
+        """Return the output's value at a moment."""
         if self.value is not None:
             return self.value(ops, p, now)
         name = self.variable.name
@@ -40,9 +40,9 @@ class Output(NamedTuple):
 class Group:
     """Parameters, rules, outputs and capabilities that an actuator has or lacks together.
 
-    An actuator without the group may use the same equations, with values of the group's parameters that are `absent` or
-    in :data:`.shared.WITHOUT_EFFECT`, and `deviations` of 0. `imperfections` are those of :class:`.Actuator`.
-    `terminal` is the name of the terminal of the outputs; empty: none.
+    An actuator without the group may use the same equations: the group's parameters then have the values in `absent` or
+    in :data:`.shared.WITHOUT_EFFECT`, its `deviations` are 0. `imperfections` are those of :class:`.Actuator`.
+    `terminal` is the name of the outputs' terminal; empty for none.
     """
 
     parameters: tuple[Variable, ...] = ()
@@ -55,7 +55,10 @@ class Group:
     imperfections: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def reworded(self, words: Mapping[str, str], sheets: Mapping[str, str] | None = None) -> Group:
-        """Return the group with other `words` in the descriptions of its variables, and others in their `sheets`."""
+        """Return the group with `words` replaced in the descriptions of its variables, and `sheets` in their sheets.
+
+        The keys are the texts to be replaced.
+        """
         def changed(v: Variable) -> Variable:
             return replace(v, description=_replaced(v.description, words), sheet=_replaced(v.sheet, sheets or {}))
 
@@ -69,9 +72,9 @@ def _replaced(text: str, words: Mapping[str, str]) -> str:
 
 def port(parameters: tuple[Variable, ...] = fin_port.PARAMETERS, rate: fin_port.Equation = lambda ops, p, m: m.rate,
          **descriptions: str) -> Group:
-    """Return the fin port with its outputs, which have other `descriptions` by name.
+    """Return the fin port; `rate` is the equation of fin_rate, `descriptions` replaces those of the named outputs.
 
-    The moment is that of :data:`.fin_port.EQUATIONS`.
+    The equations use the moment of :data:`.fin_port.EQUATIONS`.
     """
     equations = {**fin_port.EQUATIONS, "fin_rate": rate}
     outputs = tuple(Output(v, equations[v.name]) for v in fin_port.described(descriptions))
@@ -79,7 +82,10 @@ def port(parameters: tuple[Variable, ...] = fin_port.PARAMETERS, rate: fin_port.
 
 
 def _sorted_by(name: Callable[[Any], str], items: Iterable[Any], order: tuple[str, ...]) -> tuple[Any, ...]:
-    """Return items by the first prefix of their name in an `order`; the others last, all else as before."""
+    """Return items in the `order` of the prefixes with which their names begin, those without a prefix last.
+
+    Items with the same prefix keep their sequence.
+    """
     def index(item: Any) -> int:
         return next((i for i, prefix in enumerate(order) if name(item).startswith(prefix)), len(order))
 
@@ -88,10 +94,10 @@ def _sorted_by(name: Callable[[Any], str], items: Iterable[Any], order: tuple[st
 
 @dataclass(frozen=True, eq=False)
 class Composition:
-    """The groups of an actuator, and the function from which their outputs follow.
+    """The groups of an actuator, and the function that computes the values from which their outputs follow.
 
-    `moment(ops, p, x, u)` returns the parameters as built, and whatever the equations of the outputs use at states `x`
-    under plant inputs `u`. The orders are prefixes of names: variables that match none come last, group by group,
+    `moment(ops, p, x, u)` returns the parameters as built, and the values that the equations of the outputs use, at
+    states `x` and plant inputs `u`. The orders are prefixes of names: variables that match none come last, by group,
     deviations after the other parameters. Rules are in the order of the groups.
     """
 
@@ -122,12 +128,12 @@ class Composition:
         return as_built.plant(*self.deviations)
 
     def output_values(self, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-        """Return every output."""
+        """Return every output by name, in SI."""
         p, now = self.moment(ops, p, x, u)
         return {out.variable.name: out.of(ops, p, now) for out in self._outputs}
 
     def completed(self, p: Any, optional: tuple[Group, ...]) -> Any:
-        """Return parameters with the values `absent` of those that only the `optional` groups have."""
+        """Return parameters `p`, with the values for the absence of those `optional` groups that are not declared."""
         declared = {v.name.partition("[")[0] for v in self.parameters}
         absent: dict[str, Any] = {}
         for group in optional:
@@ -137,13 +143,13 @@ class Composition:
         return with_values(p, {name: value for name, value in absent.items() if name not in declared})
 
     def declared(self, rules: tuple[Rule, ...] = (), **terminals: str) -> dict[str, Any]:
-        """Return the fields of an actuator's declaration that follow from its groups, with further `rules`.
+        """Return the fields of an actuator's declaration that follow from its groups; `rules` are added to theirs.
 
-        `terminals` are descriptions by name, if there are others than that of the motor.
+        `terminals` are descriptions by name, by default that of the terminal `motor` alone.
         """
         def members(terminal: str) -> tuple[str, ...]:
-            there = {out.variable for group in self.groups if group.terminal == terminal for out in group.outputs}
-            return tuple(out.variable.name for out in self._outputs if out.variable in there)
+            connected = {out.variable for group in self.groups if group.terminal == terminal for out in group.outputs}
+            return tuple(out.variable.name for out in self._outputs if out.variable in connected)
 
         imperfections: dict[str, dict[str, Any]] = {}
         for name, without in (each for group in self.groups for each in group.imperfections.items()):
@@ -160,8 +166,8 @@ class Composition:
     def over(self, base: Actuator, change: Change, rules: tuple[Rule, ...] = (), **fields: Any) -> Actuator:
         """Return an actuator of these groups with the equations of `base`, for the parameters that `change` returns.
 
-        `rules` are added to those of the groups. `fields` are other fields of the declaration, used unchanged: an
-        equation among them gets the actuator's parameters without `change`.
+        `rules` are added to those of the groups. `fields` are other fields of the declaration, used unchanged: `change`
+        is not applied to the parameters of equations among them.
         """
         equations = {name: getattr(base, name) for name in ("initial", "sample", "derivatives", "step", "feed_forward")}
         equations["output_values"] = self.output_values

@@ -1,21 +1,23 @@
-"""What an actuator declares: its states, variables, rules and equations. Every tool uses this and nothing else of it.
+"""The declaration of an actuator: its states, variables, rules and equations. Tools use nothing else of an actuator.
 
 The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``, the parameters by name
 (``p.motor.resistance``), and named values; all in SI units.
 
-    initial(ops, p, start)       states at rest: ``start.fin_angle`` [rad], ``start.encoder_offset``. Without a `step`
-                                 it may have a fourth argument, the inputs at the start: ``u.supply``, further ones
-    sample(ops, p, x, inputs)    outputs of the sampled controllers, every controller.sample_time
+    initial(ops, p, start)       states at rest at ``start.fin_angle`` [rad], with ``start.encoder_offset`` [counts].
+                                 Without a `step` it may have a fourth argument ``u``, the inputs at the start
+    sample(ops, p, x, inputs)    reference and states of the controllers, every controller.sample_time
     step(ops, p, x, u, h)        the plant's states after `h` [s] or at the first event, and the time until then; or
-    derivatives(ops, p, x, u)    d/dt of the states. If there is no `step`, they are stepped with the `discontinuities`
-                                 (:mod:`emcas_fmu.steppers.discontinuities`); a fin whose angle and rate are states has
-                                 its stop. Linear analysis uses them, too (:mod:`emcas_fmu.bench.linear.actuator`);
-                                 beside a `step` they are enabled, without dry friction, gaps and events
+    derivatives(ops, p, x, u)    d/dt of the states. Without a `step` they are integrated with the `discontinuities`
+                                 (:mod:`emcas_fmu.steppers.discontinuities`); if angle and rate of the fin are states,
+                                 its stop is added. Linear analysis also uses them
+                                 (:mod:`emcas_fmu.bench.linear.actuator`): beside a `step` they describe the enabled
+                                 actuator without dry friction, gaps and events
     output_values(ops, p, x, u)  every output; those of the port may be left out
 
 ``x`` has the states by name, ``u`` the inputs of the plant, which are constant during a step (:class:`PlantInputs`).
 The functions return a mapping of names to values; all but `output_values` may leave out values that do not change (in
-`initial`, values of 0). They depend on their arguments alone: those in a user's file are traced twice, and compared.
+`initial`, values of 0). Their results depend on their arguments alone: functions in a user's file are traced twice, and
+both results are compared.
 """
 
 from __future__ import annotations
@@ -87,40 +89,41 @@ class Actuator:
     Only name, title, states and derivatives, or a step, must be set. Raises EmcasError if the fields do not fit
     together. The module's docstring describes the functions.
 
-    - ``name``, ``title``, ``origin``: the FMU's name is made of the first; where the equations come from, in sentences
-    - ``states``, ``controller_states``, ``sampled_states``: changed by steps; changed by samples, which alone use them;
-      set by samples and used by everything
-    - ``encoder``, ``fin_side``: the states of angle and speed that the sensors read; and those of the fin, referred to
-      the motor, behind an elastic drive line: an encoder on the fin (encoder.on_fin) reads that angle
-    - ``controllers_read``: states in addition to the position that samples read, and "supply"; None: every state
-    - ``reference_output``: the output that is the reference of the last sample
+    - ``name``, ``title``, ``origin``: the name is part of the FMU's name; the origin says in sentences where the
+      equations come from
+    - ``states``: changed by steps; ``controller_states``: changed by samples, and used by samples only;
+      ``sampled_states``: set by samples, used by all equations
+    - ``encoder``: the states of angle and speed that the sensors read; ``fin_side``: those of the fin, referred to the
+      motor, behind an elastic drive line: an encoder on the fin (encoder.on_fin) reads this angle
+    - ``controllers_read``: the states that samples read in addition to the position, and "supply"; None: every state
+    - ``reference_output``: name of the output that is the reference of the last sample
     - ``outputs``, ``parameters``: in the order of the interface; those of the port that are not listed come first, the
       supply's power last
-    - ``further_inputs``: inputs in addition to the port's: samples use a Boolean, everything uses a Real
-    - ``supply``, ``terminals``, ``descriptions``: what feeds the actuator; groups of variables; descriptions, by name,
-      of inputs of the port that have another meaning here
-    - ``rules``, ``supply_rules``: in addition to the port's; warnings that need start values of inputs, checked where a
-      set of parameters is loaded
+    - ``further_inputs``: inputs in addition to the port's: a Boolean is used by samples, a Real by all equations
+    - ``supply``: what feeds the actuator; ``terminals``: groups of variables; ``descriptions``: by name, those of
+      inputs of the port that have another meaning here
+    - ``rules``: rules in addition to the port's; ``supply_rules``: warnings that need start values of inputs, checked
+      when a set of parameters is loaded
     - ``equal_parameters``: pairs of parameters that are equal in SI units: one follows from the other
-    - ``files``, ``values``: parameter files with the defaults, of which later ones override earlier ones; and defaults
-      by name, which files override, as a file has them: "0.5 mH", or a mapping of value, unit, source and note. Without
-      a source a value is an estimate
+    - ``files``: parameter files with the defaults, later ones override earlier ones; ``values``: defaults by name,
+      which the files override, as a file contains them: "0.5 mH", or a mapping of value, unit, source and note; a
+      value without source is an estimate
     - ``initial``, ``sample``, ``derivatives``, ``discontinuities``, ``step``, ``output_values``: the equations
-    - ``structure``, ``equation_parameters``: which of the shared equations hold; and their parameters, by default with
-      values without effect for those that are not declared (:mod:`emcas_fmu.actuators.shared`)
-    - ``as_built``, ``nominal``: the plant's parameters where they differ from those that the controllers know; and the
-      values of the deviations without which they do not
-    - ``imperfections``: of the held fin angle, such as "backlash", each with its parameters' values [SI] without it
-    - ``longest_tick``, ``tick_remedy``, ``transport_delay``: largest internal tick [s], and how a user makes it longer;
-      time [s] from a sample to the drive
-    - ``feed_forward(ops, p, motion, memory)``: what causes a motion of the fin (:class:`Motion`, :class:`Ahead` of
-      :mod:`emcas_fmu.control.trajectory`), its memory after a sample, and the time [s] after which a reference acts
-    - ``faults``: of its kind, which the extension `faults` offers in addition to the general ones
+    - ``structure``: the variant of the shared equations; ``equation_parameters(ops, p)``: their parameters, by default
+      with values without effect for those that are not declared (:mod:`emcas_fmu.actuators.shared`)
+    - ``as_built(ops, p)``: the plant's parameters, from those that the controllers know; ``nominal``: the values of the
+      deviations for which both are equal
+    - ``imperfections``: of the held fin angle, such as "backlash"; each with its parameters' values [SI] without it
+    - ``longest_tick(ops, p)``: largest internal tick [s]; ``tick_remedy``: how a user makes it longer;
+      ``transport_delay(ops, p)``: time [s] from a sample to the drive
+    - ``feed_forward(ops, p, motion, memory)``: the feed-forward of a motion of the fin (:class:`Motion`, :class:`Ahead`
+      of :mod:`emcas_fmu.control.trajectory`), its memory after a sample, and the time [s] after which a reference acts
+    - ``faults``: faults of this actuator, which the extension `faults` offers in addition to the general faults
     - ``provides``: capabilities that extensions and tools need (:mod:`emcas_fmu.actuators.capabilities`)
-    - ``reference``: an independent integration: a Python file, or a module's name, with `simulate(parameters, inputs)`
-    - ``hidden``: inputs of the port that an actuator's half lacks, as it lacks outputs of the port
-    - ``modules``, ``source``, ``begun``: set where it is loaded: modules whose docstrings are the equations, the user's
-      file; states at the start that follow from inputs
+    - ``reference``: an independent integration: a Python file or a module's name, with `simulate(parameters, inputs)`
+    - ``hidden``: inputs of the port that a half of an actuator lacks; with them it lacks outputs of the port
+    - ``modules``: modules whose docstrings describe the equations; ``source``: the user's file; ``begun(ops, p, x,
+      u)``: the states, before the first step those that follow from inputs. A user's actuator leaves all three out
     """
 
     name: str
@@ -177,7 +180,7 @@ class Actuator:
             for v in port:
                 if (other := names.get(v.name, v)).kind != v.kind or other.unit != v.unit:
                     raise EmcasError(f"actuator {self.name}: {v.name} of the fin port is {v.kind} [{v.unit}], not "
-                                     f"{other.kind} [{other.unit}]; leave it out, or rename it")
+                                     f"{other.kind} [{other.unit}]; leave yours out, or rename it")
             object.__setattr__(self, kind, (*(v for v in port if v.name not in names), *listed))
         if self.supply is not None:
             object.__setattr__(self, "outputs", with_outputs(self.outputs, (self.supply.power,)))
@@ -185,19 +188,19 @@ class Actuator:
             for name, value in stepped.fields(self).items():
                 object.__setattr__(self, name, value)
         elif self.discontinuities or len(signature(self.initial).parameters) == 4:
-            raise EmcasError(f"actuator {self.name}: has a step, beside which discontinuities and inputs in `initial` "
-                             "have no effect; leave the step out, or these")
+            raise EmcasError(f"actuator {self.name}: has a step, beside which discontinuities and the argument u of "
+                             "`initial` have no effect; leave out the step, or these")
         elif not self.hidden and not hasattr(self.output_values, "__wrapped__"):
             object.__setattr__(self, "output_values", _with_port(self.output_values))
-        declared = (s for s in self.controller_states if s not in _BUS)  # a replaced actuator has them already
+        declared = (s for s in self.controller_states if s not in _BUS)  # replace() passes them again
         object.__setattr__(self, "controller_states", (*declared, *_BUS))
         # Inputs of the plant first, as the core expects.
         object.__setattr__(self, "further_inputs", tuple(sorted(self.further_inputs, key=lambda v: v.kind != "Real")))
         functions = positional.functions(self)
         arguments = [name for _, names, _ in functions for name in names]
         if repeated := [name for _, names, _ in functions for name in names if names.count(name) > 1]:
-            raise EmcasError(f"actuator {self.name}: {repeated[0]} is the name of two things; states, inputs and what "
-                             f"acts ({', '.join(dict.fromkeys(arguments))}) have different names")
+            raise EmcasError(f"actuator {self.name}: {repeated[0]} is the name of two things; give each of these "
+                             f"another name: {', '.join(dict.fromkeys(arguments))}")
         self._check_interface()
         check_names(self.name, self.faults)
         check_imperfections(self)
@@ -212,22 +215,23 @@ class Actuator:
             object.__setattr__(self, "equation_parameters", declared)
         count = Counter(v.name for v in (*self.inputs, *self.outputs, *self.parameters))
         if twice := [name for name, times in count.items() if times > 1]:
-            raise EmcasError(f"actuator {self.name}: {twice[0]} is declared twice; inputs, outputs and parameters have "
+            raise EmcasError(f"actuator {self.name}: {twice[0]} is declared twice; give inputs, outputs and parameters "
                              "different names")
         for v in (*self.inputs, *self.outputs, *self.parameters):
             if not _NAME.fullmatch(v.name):
-                raise EmcasError(f"actuator {self.name}: name {v.name!r}: hosts accept letters, digits and _ (a letter "
-                                 "first), groups by dots and an index, such as motor.current or friction.viscous[0]")
+                raise EmcasError(f"actuator {self.name}: name {v.name!r}: use letters, digits and _ (no digit first), "
+                                 "dots between groups, and an index at the end, as in motor.current or "
+                                 "friction.viscous[0]")
             if v.nominal is not None and not 0.0 < v.nominal < inf:
-                raise EmcasError(f"actuator {self.name}: {v.name} has nominal {v.nominal:g}; give its order of "
+                raise EmcasError(f"actuator {self.name}: {v.name} has nominal {v.nominal:g}; declare its order of "
                                  "magnitude, above 0, to which hosts relate tolerances")
             if not v.minimum <= v.maximum:
-                raise EmcasError(f"actuator {self.name}: {v.name} has minimum {v.minimum:g} above maximum "
-                                 f"{v.maximum:g}")
+                raise EmcasError(f"actuator {self.name}: {v.name} has a minimum {v.minimum:g} above its maximum "
+                                 f"{v.maximum:g}; exchange them")
         starts = {v.key for v in self.inputs}
         for capability in self.provides:
             if capability not in capabilities.NEEDED_VARIABLES:
-                raise EmcasError(f"actuator {self.name} provides {capability!r}, which nothing needs"
+                raise EmcasError(f"actuator {self.name} provides {capability!r}, which is not in em.capabilities"
                                  f"{hint(capability, capabilities.NEEDED_VARIABLES)}")
             missing = [name for name in capabilities.NEEDED_VARIABLES[capability]
                        if name not in count and name not in starts]
@@ -238,13 +242,13 @@ class Actuator:
                             if name in self.equation_parameters.missing]
             if missing:
                 raise EmcasError(f"actuator {self.name} provides {capability!r}, which needs {missing[0]}; declare it, "
-                                 "or leave that out of provides")
+                                 "or leave the capability out of provides")
 
     # -- interface -------------------------------------------------------------
 
     @cached_property
     def inputs(self) -> tuple[Variable, ...]:
-        """The fin port's inputs, the supply, the further ones."""
+        """The fin port's inputs, the supply's, and the additional ones."""
         port = fin_port.inputs(None if self.supply is None else self.supply.input, self.further_inputs)
         return tuple(replace(v, description=self.descriptions.get(v.name, v.description)) for v in port)
 
@@ -263,12 +267,12 @@ class Actuator:
 
     @cached_property
     def acting_inputs(self) -> tuple[Variable, ...]:
-        """The further inputs that steps and outputs use."""
+        """The additional inputs that all equations use, also steps and outputs."""
         return tuple(v for v in self.further_inputs if v.kind == "Real")
 
     @cached_property
     def file_entries(self) -> tuple[Variable, ...]:
-        """The entries of a parameter file: the parameters, and start values of inputs."""
+        """The entries of a parameter file: the parameters, and the start values of inputs with a `key`."""
         starts = (parameter(v.key, v.unit, v.minimum, v.maximum, f"start value of {v.name}", v.sheet)
                   for v in self.inputs if v.key is not None)
         return (*self.parameters, *starts)
@@ -284,18 +288,18 @@ class Actuator:
         return namespace(values, self.structure)
 
     def plant(self, values: Mapping[str, Any]) -> Parameters:
-        """Return the namespace of the plant as built, from the parameters by name."""
+        """Return the parameters of the plant as built, as a namespace, from the parameters by name."""
         return self.plant_parameters(FLOATS, self.namespace(values))
 
     def plant_parameters(self, ops: Ops, p: Parameters) -> Parameters:
-        """Return the parameters of the equations for the plant as built."""
+        """Return the parameters of the equations, as built."""
         return self.as_built(ops, self.equation_parameters(ops, p))
 
     # -- equations, by name ----------------------------------------------------
 
     def start(self, ops: Ops, p: Parameters, fin_angle: Value | None = None,
               encoder_offset: Value | None = None) -> dict[str, Value]:
-        """Return every state by name, and ``measured_fin_angle`` [rad], at rest at a fin angle [rad].
+        """Return every state by name, in SI, and ``measured_fin_angle`` [rad], at rest at a fin angle [rad].
 
         The default angle is fin.start_angle. `encoder_offset` [counts] is the error of the encoder's zero.
         """
@@ -310,7 +314,7 @@ class Actuator:
         return tuple(s.name for s in (*self.states, *self.controller_states, *self.sampled_states))
 
     def position(self, ops: Ops, p: Parameters, x: Record) -> Value:
-        """Return the state of angle [rad] that the encoder of position reads."""
+        """Return the angle [rad], a state, that the encoder of position reads."""
         angle = getattr(x, self.encoder[0])
         return angle if self.fin_side is None else ops.where(p.encoder.on_fin, getattr(x, self.fin_side[0]), angle)
 
@@ -321,17 +325,17 @@ class Actuator:
         return self.plant_outputs(ops, p, x, u)["motor_current"]
 
     def commanded(self, ops: Ops, p: Parameters, x: Record, inputs: SampleInputs) -> dict[str, Value]:
-        """Return the results of :meth:`sampled`, in SI, for the command that the bus delivers.
+        """Return the results of :meth:`sampled`, in SI, for the command that the bus delivers, and the bus's states.
 
-        They also contain the states of the bus (:mod:`emcas_fmu.control.command`).
+        `inputs.command` [rad] is that before the bus (:mod:`emcas_fmu.control.command`).
         """
         command, *after = bus.delivered(ops, p, inputs.command, *(getattr(x, name) for name in bus.STATES))
         return {**self.sampled(ops, p, x, inputs.replace(command=command)), **dict(zip(bus.STATES, after, strict=True))}
 
     def sampled(self, ops: Ops, p: Parameters, x: Record, inputs: SampleInputs) -> dict[str, Value]:
-        """Return the results of a sample by name, in SI; the command in `inputs` [rad] is that after the bus.
+        """Return the results of a sample by name, in SI; `inputs.command` [rad] is that after the bus.
 
-        They are ``reference``, ``measured_fin_angle`` [rad], ``limited``, controller states and sampled states.
+        The results are ``reference``, ``measured_fin_angle``, ``limited``, controller states and sampled states.
         """
         names = tuple(s.name for s in (*self.controller_states, *self.sampled_states))
         values = complete(self.sample, self.sample(ops, p, x, inputs), ("reference",),
@@ -346,6 +350,6 @@ class Actuator:
         return {**dict.fromkeys(names, 0.0), **complete(self.derivatives, self.derivatives(ops, p, x, u), (), names)}
 
     def plant_outputs(self, ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> Values:
-        """Return every output in SI, for a command and sample results of 0."""
+        """Return every output by name, in SI, for a command and results of the last sample of 0."""
         unsampled = dict.fromkeys(("command", "sampled_reference", "measured_fin_angle", "limited"), 0.0)
         return self.output_values(ops, p, x, PlantInputs(**{**vars(u), **unsampled}))

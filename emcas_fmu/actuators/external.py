@@ -26,9 +26,10 @@ from .declaration import Actuator
 GROUP = "emcas.actuators"
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_-]*")
 _TURN = radians(360.1)
-LONGEST = 60.0  # [s] of importing a file, and of calling one of its functions with symbols; a second is long
-# Remedies for what Python and NumPy say of a traced value; a pattern is searched in the message, " | " and the line of
-# the file.
+# Longest time [s] for importing a file, and for calling one of its functions with symbols; a second is usually enough.
+LONGEST = 60.0
+# Remedies for errors of Python and NumPy about a traced value; a pattern is searched in the message, " | " and the line
+# of the file.
 _REMEDIES = tuple((re.compile(pattern), remedy) for pattern, remedy in (
     (r"operand type\(s\) for %", "write x - y * ops.floor(x / y)"),
     (r"operand type\(s\) for //", "write ops.floor(x / y)"),
@@ -50,12 +51,15 @@ _REMEDIES = tuple((re.compile(pattern), remedy) for pattern, remedy in (
 
 @cache
 def installed() -> Mapping[str, EntryPoint]:
-    """Return the entry points of installed packages that provide an actuator, by the actuator's name."""
+    """Return the entry points of installed actuators by the actuators' names."""
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
 def load_module(path: Path) -> ModuleType:
-    """Import a Python file, which may import modules beside it. Raises EmcasError with file and line if that fails."""
+    """Import a Python file, which may import modules beside it, and return its module.
+
+    Raises EmcasError with file and line if the import fails or takes more than LONGEST.
+    """
     name = f"emcas_file_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
@@ -71,7 +75,7 @@ def load_module(path: Path) -> ModuleType:
         raise refusal(error, path) from error
     finally:
         sys.path.remove(str(path.parent))
-        # Another file may have a module of the same name beside it.
+        # The next file may import another module of the same name from its folder.
         for other in set(sys.modules) - before:
             if Path(getattr(sys.modules[other], "__file__", None) or "").parent == path.parent:
                 del sys.modules[other]
@@ -79,12 +83,13 @@ def load_module(path: Path) -> ModuleType:
 
 
 def load(path: Path) -> Actuator:
-    """Return the actuator that a Python file declares as ACTUATOR, with the parameter file in the same folder.
+    """Return the actuator that a Python file declares as ACTUATOR.
 
-    Raises EmcasError with file and line if the file cannot be used.
+    Its parameter file is the one of the same name with the ending .toml, unless it declares others. Raises EmcasError
+    with file and line if the file cannot be used.
     """
     if not path.is_file():
-        raise EmcasError(f"{path}: there is no such file; a model is an actuator's name, or a Python file with its "
+        raise EmcasError(f"{path}: there is no such file; a model is an actuator's name, or a Python file that defines "
                          "ACTUATOR")
     module = load_module(path)
     actuator = getattr(module, "ACTUATOR", None)
@@ -102,17 +107,17 @@ def load(path: Path) -> Actuator:
 
 
 def _check_name(actuator: Actuator, path: Path) -> None:
-    """Raise EmcasError for a name that cannot be part of the FMU's, or that is used already."""
+    """Raise EmcasError for a name that cannot be part of an FMU's name, or that a shipped actuator or extension has."""
     if not _NAME.fullmatch(actuator.name):
         raise EmcasError(f"{declared_in(path, actuator.name)}: name {actuator.name!r}: use letters, digits, _ and -, a "
-                         "letter first: the FMU's name is made of it")
+                         "letter first: it is part of the FMU's name")
     if actuator.name in (*NAMES, *EXTENSIONS):
-        raise EmcasError(f"{declared_in(path, actuator.name)}: name {actuator.name!r} is that of an actuator or "
-                         "extension that is shipped; choose another")
+        raise EmcasError(f"{declared_in(path, actuator.name)}: name {actuator.name!r} is that of a shipped actuator or "
+                         "extension; choose another name")
 
 
 def _check_units(actuator: Actuator, source: Path) -> None:
-    """Raise EmcasError for a unit that is not known or not of the SI; warn of limits that look like degrees."""
+    """Raise EmcasError for a unit that is unknown or is not an SI unit; warn of limits that look like degrees."""
     states = (*actuator.states, *actuator.controller_states, *actuator.sampled_states)
     variables = (*actuator.inputs, *actuator.outputs, *actuator.parameters)
     for name, unit in (*((s.name, s.unit) for s in states), *((v.name, v.unit) for v in variables)):
@@ -122,7 +127,7 @@ def _check_units(actuator: Actuator, source: Path) -> None:
             raise EmcasError(f"{declared_in(source, name)}: {name}: {error}") from error
         if factor != 1.0:
             raise EmcasError(f"{declared_in(source, name)}: {name}: {unit} is {factor:g} times the SI unit, in which "
-                             f"equations compute; declare it in that (a variable may be shown with display={unit!r})")
+                             f"equations compute; declare the SI unit (display={unit!r} shows a variable in {unit})")
     for v in actuator.parameters:
         if v.unit == "rad" and _TURN < (limit := max(-v.minimum, v.maximum)) < inf:
             warn(f"{declared_in(source, v.name)}: {v.name} may be up to {limit:g} rad, {degrees(limit):.4g} deg; if "
@@ -130,7 +135,7 @@ def _check_units(actuator: Actuator, source: Path) -> None:
 
 
 def of_function(actuator: Actuator, name: str) -> str:
-    """Return the location of the function of a user's file behind a function of the program, else that of the file."""
+    """Return the location of the user's function behind the traced function `name`; the file's path if it has none."""
     behind: dict[str, tuple[Callable[..., Any] | None, ...]] = {
         "initial": (actuator.initial,), "sample": (actuator.sample,), "outputs": (actuator.output_values,),
         "step": (actuator.derivatives, actuator.step)}
@@ -139,15 +144,15 @@ def of_function(actuator: Actuator, name: str) -> str:
 
 
 def refusal(error: BaseException, path: Path) -> EmcasError:
-    """Return an error in a user's file, or a module beside it, as one with file, line and, if known, the remedy."""
+    """Return an EmcasError with file, line and, if known, remedy for an error in a user's file or modules beside it."""
     frames = [each for each in traceback.extract_tb(error.__traceback__) if Path(each.filename).parent == path.parent]
     file, number, line = (frames[-1].filename, frames[-1].lineno, frames[-1].line) if frames else (path, None, "")
     if isinstance(error, SyntaxError) and error.filename == str(path):
         number = error.lineno
     what = str(error) if isinstance(error, EmcasError) else f"{type(error).__name__}: {error}"
     if isinstance(error, Endless):
-        what = (f"{frames[-1].name if frames else 'the file'} has not ended in {LONGEST:g} s; a loop needs an end that "
-                "is fixed, as in for i in range(10)")
+        what = (f"{frames[-1].name if frames else 'the file'} has not ended in {LONGEST:g} s; a loop needs a fixed "
+                "end, as in for i in range(10)")
     if isinstance(error, (TypeError, IndexError)):
         found = ((match, remedy) for pattern, remedy in _REMEDIES if (match := pattern.search(f"{error} | {line}")))
         what += next((f"; {match.expand(remedy)}" for match, remedy in found), "")

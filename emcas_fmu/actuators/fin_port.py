@@ -1,6 +1,6 @@
 """The fin port: the interface of every actuator to a flight simulation, so that actuators are interchangeable.
 
-Inputs are command, hinge moment, vehicle motion and enable; outputs are angle, rate, moment, error and flags. Their
+Inputs are command, hinge moment, vehicle motion and enable; outputs are angle, rate, moment, error and flags; the
 parameters are limits of command and travel, masses and inertias, sampling.
 """
 
@@ -26,9 +26,12 @@ Equation = Callable[[Ops, Any, Record], Value]
 
 MOTION = (
     real_input("acceleration.x", "m/s2",
-               "vehicle acceleration along body x (forward), where mounting.station counts from", nominal=10.0),
-    real_input("acceleration.y", "m/s2", "vehicle acceleration along body y, at the same point", nominal=10.0),
-    real_input("acceleration.z", "m/s2", "vehicle acceleration along body z (down), at the same point", nominal=10.0),
+               "vehicle acceleration along body x (forward), at the point from which mounting.station is measured",
+               nominal=10.0),
+    real_input("acceleration.y", "m/s2", "vehicle acceleration along body y, at the point of acceleration.x",
+               nominal=10.0),
+    real_input("acceleration.z", "m/s2", "vehicle acceleration along body z (down), at the point of acceleration.x",
+               nominal=10.0),
     real_input("attitude.roll", "rad", "vehicle roll angle, for gravity"),
     real_input("attitude.pitch", "rad", "vehicle pitch angle, for gravity"),
     real_input("attitude.yaw", "rad", "vehicle yaw angle (gravity does not depend on it)"),
@@ -43,7 +46,7 @@ AERO_TORQUE = real_input(
     "aero_torque", "N.m", "aerodynamic hinge moment on the fin, positive along positive fin_angle "
     "(a restoring moment is negative at positive angle)", nominal=100.0)
 ENABLE = boolean_input("enable", "false disables the actuator: the fin does not follow the command", True)
-STEP_BEGIN = real_input("step_begin", "s", "begin of the host's step; set by the FMU, not by the host")
+STEP_BEGIN = real_input("step_begin", "s", "start time of the host's step; set by the FMU, not by the host")
 
 # -- outputs -----------------------------------------------------------------------
 
@@ -54,14 +57,14 @@ HINGE_TORQUE = real_output(
 TRACKING_ERROR = real_output("tracking_error", "rad", "clipped command minus fin angle", 0.1,
                              limited_by=("command.limit", "fin.stop_angle"))
 MEASURED_FIN_ANGLE = real_output(
-    "measured_fin_angle", "rad", "fin angle the controllers read at the last sample", 0.1)
-SATURATED = boolean_output("saturated", "any limit active")
-AT_STOP = boolean_output("at_stop", "the fin rests against a mechanical stop")
+    "measured_fin_angle", "rad", "fin angle that the controllers read at the last sample", 0.1)
+SATURATED = boolean_output("saturated", "a limit is active")
+AT_STOP = boolean_output("at_stop", "the fin is at a mechanical stop")
 OUTPUTS = (FIN_ANGLE, FIN_RATE, HINGE_TORQUE, TRACKING_ERROR, MEASURED_FIN_ANGLE, SATURATED, AT_STOP)
 
 
 def described(descriptions: Mapping[str, str], outputs: tuple[Variable, ...] = OUTPUTS) -> tuple[Variable, ...]:
-    """Return outputs, by default the port's, with other descriptions by name."""
+    """Return `outputs`, by default the port's; `descriptions` replaces those of the named outputs."""
     return tuple(replace(v, description=descriptions.get(v.name, v.description)) for v in outputs)
 
 
@@ -75,38 +78,39 @@ TURNING = (
     *(parameter(f"mass.{part}", "kg", 0.0, 1e3, f"{name} mass", sheet=f"drawing: mass of the {name}")
       for part, name in _PARTS),
     *(parameter(f"center_of_mass.{part}.{axis}", "m", -5.0, 5.0,
-                f"centre of mass of the {part} from the hinge at fin_angle 0, along {axis}",
+                f"{axis} coordinate of the {name}'s centre of mass, from the hinge at fin_angle 0",
                 sheet=f"drawing: centre of mass of the {part} from the hinge")
-      for part, _ in _PARTS for axis in ("x", "z")),
+      for part, name in _PARTS for axis in ("x", "z")),
 )
-"""Parameters of what turns about the hinge: 0 where no file sets them, but for the fin's inertia."""
+"""Parameters of the parts that turn about the hinge; in a user's actuator they default to 0, but not the fin's inertia.
+"""
 SAMPLE_TIME = parameter("controller.sample_time", "s", 5e-5, 0.1, "sample time of the digital controllers",
                         sheet="controller: sample time (cycle time)", display="ms")
 PARAMETERS = (
     *TURNING,
     SAMPLE_TIME,
-    parameter("command.limit", "rad", radians(0.1), radians(80), "largest fin command",
+    parameter("command.limit", "rad", radians(0.1), radians(80), "largest fin command, to each side",
               sheet="specification: operating range of the fin, to each side"),
-    parameter("fin.stop_angle", "rad", radians(0.1), radians(80), "mechanical stop, both sides, inelastic",
+    parameter("fin.stop_angle", "rad", radians(0.1), radians(80), "fin angle of the inelastic stops, to each side",
               sheet="drawing: mechanical stop, to each side"),
     parameter("fin.start_angle", "rad", radians(-80), radians(80), "fin angle at the start, at rest"),
-    switch("loads.gravity", "true: gravity acts on the moving parts (wire the attitude inputs)"),
-    parameter("mounting.azimuth", "rad", radians(-360), radians(360), "roll of the fin's frame about body x"),
+    switch("loads.gravity", "true: gravity acts on the moving parts (connect the attitude inputs)"),
+    parameter("mounting.azimuth", "rad", radians(-360), radians(360), "roll angle of the fin's frame about body x"),
     parameter("mounting.station", "m", -100.0, 100.0,
-              "position of the hinge along body x, from the point whose acceleration the inputs are"),
-    parameter("command.latency", "s", 0.0, 2.0, "delay of the command on its way to the controllers, in whole sample "
-              f"times (rounded), at most {bus.LONGEST} of them",
+              "position of the hinge along body x, from the point of the acceleration inputs"),
+    parameter("command.latency", "s", 0.0, 2.0, "delay of the command before the controllers, rounded to whole sample "
+              f"times, at most {bus.LONGEST} of them",
               sheet="specification: delay of the command on the data bus", display="ms"),
-    parameter("command.resolution", "rad", 0.0, radians(10), "step of the command, which is rounded to a multiple of "
-              "it (0: none)"),
+    parameter("command.resolution", "rad", 0.0, radians(10), "resolution to which the command is rounded (0: not "
+              "rounded)"),
     parameter("command.update_time", "s", 0.0, 10.0, "interval at which the controllers read "
-              "the command from the bus, in whole sample times (rounded; 0: at every sample)",
+              "the command from the bus, rounded to whole sample times (0: at every sample)",
               sheet="specification: interval between commands on the data bus", display="ms"),
     parameter("solver.max_tick", "s", 1e-7, 1e-3, "longest internal tick", display="ms"),
 )
 
 TERMINALS = (
-    Terminal("command", "what the flight computer sends and gets back",
+    Terminal("command", "commands from the flight computer, and its feedback",
              ("fin_command", "enable", "measured_fin_angle", "tracking_error", "saturated", "at_stop")),
     Terminal("hinge", "the fin's shaft: moment in, motion out",
              ("aero_torque", "hinge_angle", "hinge_rate", "fin_angle", "fin_rate", "hinge_torque", "actuator_torque",
@@ -114,23 +118,23 @@ TERMINALS = (
     Terminal("vehicle", "motion of the vehicle, for gravity and inertia", tuple(v.name for v in MOTION)),
 )
 
-_AT = 1.0 - 1e-12  # ratio of an angle or a rate to its limit at which it is at the limit, despite rounding
+_AT = 1.0 - 1e-12  # share of the stop angle from which the fin is at the stop, despite rounding
 LONGEST_DELAY = 64  # longest transport delay in sample times
-MOST_TICKS = 20_000  # in a sample time; with more, one sample time would take seconds
+MOST_TICKS = 20_000  # ticks in a sample time; more would take seconds to compute
 
 
 def max_tick(ops: Ops, p: Any) -> Value:
-    """Return solver.max_tick [s], by default the longest tick of an actuator."""
+    """Return solver.max_tick [s], the default of an actuator's `longest_tick`."""
     return p.solver.max_tick
 
 
 def transport_delay(ops: Ops, p: Any) -> Value:
-    """Return drive.transport_delay [s], from a sample to the drive."""
+    """Return drive.transport_delay [s], the delay from a sample to the drive."""
     return p.drive.transport_delay
 
 
 def inputs(supply: Variable | None = None, further: tuple[Variable, ...] = ()) -> tuple[Variable, ...]:
-    """Return the inputs of an actuator: the port's, the supply if it has one, and its further ones."""
+    """Return the inputs of an actuator: the port's, its `supply`, if any, and its `further` inputs."""
     return (COMMAND, AERO_TORQUE, *MOTION, *(() if supply is None else (supply,)), ENABLE, *further)
 
 
@@ -150,14 +154,17 @@ EQUATIONS: Mapping[str, Equation] = {
 
 
 def at_fin(ops: Ops, p: Any, x: Record, u: Record, limited: Value, **further: Value) -> Record:
-    """Return the moment of an actuator with the states fin_angle and fin_rate; `limited`: whether a limit is active."""
+    """Return the moment of an actuator with the states fin_angle and fin_rate, and its `further` values.
+
+    `limited` says whether a limit is active.
+    """
     return Record(x=x, u=u, fin=x.fin_angle, rate=x.fin_rate, hinge_torque=hinge_torque(ops, p, x.fin_angle, u),
                   limited=limited, **further)
 
 
 def completed(ops: Ops, p: Any, x: Record, u: Record, limited: Value, values: Mapping[str, Value]
               ) -> Mapping[str, Value]:
-    """Return output values with those of the port that are missing; the states fin_angle and fin_rate are the fin's."""
+    """Return output `values`, completed by those of the port; the actuator has the states fin_angle and fin_rate."""
     if not (missing := [name for name in EQUATIONS if name not in values]):
         return values
     now = at_fin(ops, p, x, u, limited)
@@ -176,7 +183,7 @@ def mixed_command(ops: Ops, p: Any, command: Value, roll: Value, pitch: Value, y
 
 
 def stop_edge(p: Any) -> Value:
-    """Return the absolute fin angle [rad] beyond which the fin counts as at a mechanical stop."""
+    """Return the absolute fin angle [rad] from which the fin is at a mechanical stop."""
     return p.fin.stop_angle * _AT
 
 
@@ -199,13 +206,13 @@ def _travel(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, limit > stop * (1.0 + SLACK)), stop, in_degrees(stop), limit, in_degrees(limit)
 
 
-# Least distance of the stop from command.limit, relative to it: Table 2's accuracy over its range. A nearer stop hides
-# an overshoot that matters.
+# Least distance of the stop from command.limit, as a share of command.limit: Table 2's accuracy over its range. A
+# nearer stop hides an overshoot that matters.
 LEAST_ROOM = 0.01
 
 
-@rule(f"fin.stop_angle = {ANGLE} leaves less than {LEAST_ROOM:g} of command.limit = {ANGLE} beyond it: the stop hides "
-      "an overshoot of a step to the limit; lower command.limit", warning=True)
+@rule(f"fin.stop_angle = {ANGLE} exceeds command.limit = {ANGLE} by less than {LEAST_ROOM:g} of that limit: the stop "
+      "hides an overshoot of a step to the limit; lower command.limit", warning=True)
 def _room(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     stop, limit = p.fin.stop_angle, p.command.limit
     tight = ops.both(limit <= stop * (1.0 + SLACK), stop < limit * (1.0 + LEAST_ROOM) * (1.0 - SLACK))
@@ -228,7 +235,10 @@ RULES = (_travel, _room, _start, _latency)
 
 
 def schedule_rules(tick: Any, delay: Any, tick_remedy: str) -> tuple[Rule, ...]:
-    """Return the rules for sampling, from functions of an actuator's longest tick [s] and delay [s], None without."""
+    """Return the rules for sampling, from functions that return an actuator's longest tick [s] and its delay [s].
+
+    `delay` is None for an actuator without a delay; `tick_remedy` says how a user makes the tick longer.
+    """
     name = "drive.transport_delay" if delay is transport_delay else "transport_delay(ops, p)"
 
     @rule(f"{name} = %.6g s must be at least 0, and at most {LONGEST_DELAY} times "
@@ -238,7 +248,7 @@ def schedule_rules(tick: Any, delay: Any, tick_remedy: str) -> tuple[Rule, ...]:
         fits = ops.both(lasts >= 0.0, lasts <= LONGEST_DELAY * period * (1.0 + SLACK))
         return when(ops, ops.negate(fits)), lasts, period
 
-    @rule(f"controller.sample_time = %.6g s needs over {MOST_TICKS} ticks of %.6g s; {tick_remedy}, or lower "
+    @rule(f"controller.sample_time = %.6g s needs more than {MOST_TICKS} ticks of %.6g s; {tick_remedy}, or lower "
           "controller.sample_time")
     def ticks(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         longest, period = tick(ops, p), p.controller.sample_time

@@ -1,4 +1,4 @@
-"""Whether what a declaration lists is a list of things, and its own; and functions of the right arguments."""
+"""Checks of a declaration: its lists, the arguments of its functions, and its imperfections."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ _ARGUMENTS = {"sample": "ops, p, x, inputs", "derivatives": "ops, p, x, u", "ste
 
 
 def check_lists(actuator: Any) -> None:
-    """Raise EmcasError for a field of a declaration that has one thing instead of several, or several as one of them.
+    """Raise EmcasError for a field of a declaration that is an entry instead of a list, or has a list as an entry.
 
-    A comma or a * was forgotten: an array of parameters and FIN are tuples, and some things are named tuples.
+    A comma or a * was forgotten: FIN and an array of parameters are tuples. Entries may be named tuples.
     """
     for field in fields(actuator):
-        kind, listed = str(field.type), getattr(actuator, field.name)
-        if kind.endswith(", ...]") and type(listed) not in (tuple, list):
-            raise EmcasError(f"actuator {actuator.name}: {field.name} lists things; write a comma behind a single one, "
-                             f"{field.name}=(...,)")
-        if kind.endswith(", ...]") and "tuple[tuple" not in kind and any(type(each) is tuple for each in listed):
-            raise EmcasError(f"actuator {actuator.name}: {field.name} has several things in the place of one; write * "
-                             "before them, as in *em.FIN and *em.array(...)")
+        annotation, entries = str(field.type), getattr(actuator, field.name)
+        if annotation.endswith(", ...]") and type(entries) not in (tuple, list):
+            raise EmcasError(f"actuator {actuator.name}: {field.name} is not a list; write a comma after a single "
+                             f"entry, {field.name}=(...,)")
+        nested = "tuple[tuple" in annotation
+        if annotation.endswith(", ...]") and not nested and any(type(each) is tuple for each in entries):
+            raise EmcasError(f"actuator {actuator.name}: an entry of {field.name} is a list; write * before it, as in "
+                             "*em.FIN and *em.array(...)")
 
 
 def check_functions(actuator: Any) -> None:
-    """Raise EmcasError for a function of a declaration that has other arguments than it is called with."""
+    """Raise EmcasError for a function of a declaration that cannot be called with the arguments that it will get."""
     for name, arguments in _ARGUMENTS.items():
         if (function := getattr(actuator, name)) is not None:
             check_arguments(f"actuator {actuator.name}", function, arguments)
@@ -46,8 +47,8 @@ def check_arguments(owner: str, function: Callable[..., Any], arguments: str) ->
         signature(function).bind(*arguments.split(", "))
     except TypeError:
         code = getattr(unwrap(function), "__code__", None)
-        place = f"{code.co_name}() in line {code.co_firstlineno}" if code else repr(function)
-        raise EmcasError(f"{owner}: {place} has the arguments {signature(function)}; it is called with ({arguments})"
+        named = f"{code.co_name}() in line {code.co_firstlineno}" if code else repr(function)
+        raise EmcasError(f"{owner}: {named} has the arguments {signature(function)}; it is called with ({arguments})"
                          ) from None
 
 

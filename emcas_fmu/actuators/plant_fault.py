@@ -1,6 +1,6 @@
-"""Faults that an actuator declares for its kind: parameters of the plant with other values while a fault is active.
+"""Faults that an actuator declares for its kind: while one is active, parameters of the plant have other values.
 
-The extension ``faults`` (:mod:`emcas_fmu.extensions.faults`) offers them in addition to those of every actuator.
+The extension ``faults`` (:mod:`emcas_fmu.extensions.faults`) offers them in addition to the general faults.
 """
 
 from __future__ import annotations
@@ -16,15 +16,17 @@ from ..ops.base import Ops, Value
 from ..variables import Variable
 
 SCHEDULE = ("active", "begin", "end")
+"""Parameters of every fault, in addition to its amounts."""
 
 
 @dataclass(frozen=True)
 class PlantFault:
-    """A fault of an actuator's kind: ``fault.NAME.active``, ``.begin``, ``.end``, and a parameter for each amount.
+    """A fault of an actuator's kind, with the parameters ``fault.NAME.active``, ``.begin``, ``.end`` and its amounts.
 
     `changes(ops, p, amounts)` returns the plant's parameters that change while the fault is active, by their dotted
-    names, arrays as tuples. `p` has the changes of the faults that are declared before; ``amounts.X`` is fault.NAME.X.
-    A `lasting` fault does not heal: it is active until reset. One with the name of a general fault replaces that.
+    names, arrays as tuples. `p` contains the changes of the faults declared before this fault; ``amounts.X`` is the
+    parameter ``fault.NAME.X``. A `lasting` fault stays active until reset. A fault with the name of a general fault
+    replaces the general fault. Raises EmcasError for a name that a parameter cannot have.
     """
 
     name: str
@@ -36,7 +38,10 @@ class PlantFault:
     @classmethod
     def scaling(cls, name: str, description: str, amount: Variable, *parameters: str, lasting: bool = False
                 ) -> PlantFault:
-        """Return a fault that multiplies parameters by its amount."""
+        """Return a fault that multiplies the named `parameters` by its `amount`.
+
+        Its `changes` raise AttributeError for a parameter that the actuator does not have.
+        """
         def changes(ops: Ops, p: Any, amounts: Any) -> Mapping[str, Value]:
             return {parameter: getattr(amounts, amount.name) * value_of(p, parameter) for parameter in parameters}
 
@@ -45,14 +50,15 @@ class PlantFault:
     def __post_init__(self) -> None:
         for name in (self.name, *(v.name for v in self.amounts)):
             if not (name.isidentifier() and name.isascii()) or keyword.iskeyword(name):
-                raise EmcasError(f"fault {self.name!r}: {name!r} is not a Python identifier such as leakage; give the "
-                                 "fault and its amounts such names")
+                raise EmcasError(f"fault {self.name!r}: {name!r} is not a Python identifier in ASCII such as leakage, "
+                                 "or is a keyword; rename it")
         if reserved := [v.name for v in self.amounts if v.name in SCHEDULE]:
-            raise EmcasError(f"fault {self.name}: {reserved[0]} is of its schedule; give the amount another name")
+            raise EmcasError(f"fault {self.name}: every fault has a parameter {reserved[0]}; give the amount another "
+                             "name")
 
 
 def check_names(actuator: str, faults: Iterable[PlantFault]) -> None:
-    """Raise EmcasError where an actuator of this name declares a fault twice."""
+    """Raise EmcasError if two faults of an `actuator`, named in the message, have the same name."""
     names = [fault.name for fault in faults]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise EmcasError(f"actuator {actuator}: fault {twice[0]} is declared twice; give one of them another name")
+        raise EmcasError(f"actuator {actuator}: fault {twice[0]} is declared twice; rename or remove one")

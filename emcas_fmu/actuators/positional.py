@@ -1,4 +1,4 @@
-"""The equations of an actuator as functions of positional arguments, which are traced: names become positions here."""
+"""The equations of an actuator as functions of positional arguments, for tracing: names become positions here."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .declaration import Actuator, Parameters
 
 Function = tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]]
-"""A name, the names of the arguments behind ops and p, and the function."""
+"""A name, the names of the arguments after ops and p, and the function."""
 
 
 def identifier(name: str) -> str:
@@ -34,11 +34,11 @@ def identifiers(variables: Iterable[Variable]) -> tuple[str, ...]:
 
 
 def functions(actuator: Actuator) -> tuple[Function, ...]:
-    """Return the five functions of an actuator.
+    """Return the five functions of an actuator, which return values in SI.
 
     initial() returns states, controller states, measured angle and sampled states; sample() the reference, controller
-    states, measured angle, whether a limit was met, and sampled states; motion_loads() the fields of MotionLoads;
-    step() the states and the time it took; outputs() every output.
+    states, measured angle, whether a limit is active, and sampled states; motion_loads() the fields of MotionLoads;
+    step() the states and the time [s] that it has advanced; outputs() every output.
     """
     plant, controllers, sampled = (tuple(s.name for s in states) for states in (
         actuator.states, actuator.controller_states, actuator.sampled_states))
@@ -70,8 +70,8 @@ def functions(actuator: Actuator) -> tuple[Function, ...]:
         u = PlantInputs(**acting(arguments[len(plant):split], reference, values))
         returned = actuator.step(ops, p, x, u, h)
         if not (isinstance(returned, tuple) and len(returned) == 2):
-            raise EmcasError(f"{location(actuator.step)} returns {type(returned).__name__}; a mapping of states and "
-                             "the time until then are needed, as in return {...}, h")
+            raise EmcasError(f"{location(actuator.step)} returns {type(returned).__name__}; return a mapping of states "
+                             "and the time that it has advanced, as in return {...}, h")
         moved, used = returned
         moved = {**vars(x), **complete(actuator.step, moved, (), plant)}
         complete(actuator.step, {"the time of the step": used}, ("the time of the step",))
@@ -99,13 +99,12 @@ def functions(actuator: Actuator) -> tuple[Function, ...]:
 
 def complete(function: Callable[..., Any], values: Any, names: Iterable[str], optional: Iterable[str] = ()
              ) -> Mapping[str, Value]:
-    """Return the `values` that a function has returned, if they are numbers for all `names` and no undeclared one.
+    """Return `values`, the result of `function`, if it has a number for each of `names` and no other than `optional`.
 
-    Raises EmcasError, with the function's location, if they are not.
+    Raises EmcasError with the function's location otherwise.
     """
     if not isinstance(values, Mapping):
-        raise EmcasError(f"{location(function)} returns {type(values).__name__}; a mapping of names to values is "
-                         "needed")
+        raise EmcasError(f"{location(function)} returns {type(values).__name__}; return a mapping of names to values")
     needed = list(names)
     known = {*needed, *optional}
     missing = [name for name in needed if name not in values]
@@ -118,5 +117,5 @@ def complete(function: Callable[..., Any], values: Any, names: Iterable[str], op
     for name, value in values.items():
         unknown_number = isinstance(value, float) and isnan(value) and not isinstance(value, LocatedFloat)
         if value is None or isinstance(value, (str, Sequence, Mapping)) or unknown_number:
-            raise EmcasError(f"{location(function)} returns {name} = {value!r}; a number is needed")
+            raise EmcasError(f"{location(function)} returns {name} = {value!r}; return a number")
     return values

@@ -29,12 +29,12 @@ PARAMETERS = (
     parameter("second_order.rate_limit", "rad/s", 1e-6, 1e6, "largest fin rate",
               sheet="specification: largest fin rate"),
 )
-# Distance of the squared damping from 1 below which the closed form has a double root.
+# Least |1 - zeta^2|: nearer to a double root the closed form is evaluated at this distance from it.
 _DOUBLE = 1e-9
 
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-    """Return the command [rad] that is delayed; of a disabled actuator the fin angle."""
+    """Return the reference [rad]: the clipped command or, while disabled, the fin angle."""
     command = fin_port.clipped_command(ops, p, inputs.command)
     limited = ops.where(ops.fabs(inputs.command) > p.command.limit, 1.0, 0.0)
     return {"reference": ops.where(inputs.enable, command, x.fin_angle),
@@ -63,7 +63,7 @@ def _free(ops: Ops, p: Any, angle: Value, rate: Value, target: Value, h: Value) 
 
 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-    """Return angle [rad] and rate [rad/s] after `h` [s], and `h`: events within a step have second order, as the step.
+    """Return the fin's states after `h` [s], and `h`: events do not end a step, and their error is of second order.
 
     A disabled fin comes to rest at once and stays, also when delayed commands arrive.
     """
@@ -77,7 +77,7 @@ def _driven(ops: Ops, p: Any, angle: Value, rate: Value, reference: Value, h: Va
     free_angle, free_rate = _free(ops, p, angle, rate, reference, h)
     slewing = ops.fabs(free_rate) > limit
     new_rate = ops.clip(free_rate, -limit, limit)
-    # The mean rate: the time at the limit follows from a line between both rates.
+    # The share of the step at the limit follows from linear interpolation between both rates.
     share = ops.where(slewing, ops.clip((ops.fabs(free_rate) - limit)
                                         / ops.maximum(ops.fabs(free_rate - rate), 1e-300), 0.0, 1.0), 0.0)
     mean = (1.0 - share) * 0.5 * (rate + new_rate) + share * new_rate
@@ -94,19 +94,19 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
 
 
 COMPOSITION = Composition((
-    port(measured_fin_angle="fin angle at the last sample", saturated="a limit active: command or rate"),
+    port(measured_fin_angle="fin angle at the last sample", saturated="a limit is active: command or rate"),
     Group(PARAMETERS, provides=(capabilities.COMMAND_REFERENCE,), terminal="")), moment)
 ACTUATOR = Actuator(
     **COMPOSITION.declared(),
     name="second-order",
     title="second-order actuator with limits of rate and position",
-    origin="No load moves it: hinge moment, gravity and the vehicle's motion appear in hinge_torque alone. It has no "
-           "motor and no supply.",
+    origin="No load moves the fin: hinge moment, gravity and the vehicle's motion appear in hinge_torque alone. There "
+           "is no motor and no supply.",
     states=FIN,
     descriptions={
         "enable": "false: the fin stays where it is, whatever the load",
-        "angular_acceleration.x": "vehicle angular acceleration about body x; nothing here depends on it",
-        "aero_torque": "aerodynamic hinge moment on the fin; moves nothing, and counts in hinge_torque",
+        "angular_acceleration.x": "vehicle angular acceleration about body x; has no effect",
+        "aero_torque": "aerodynamic hinge moment on the fin; part of hinge_torque, but does not move the fin",
     },
     sample=sample,
     step=step,

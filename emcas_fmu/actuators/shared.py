@@ -10,7 +10,7 @@ from ..namespace import with_values
 from ..ops.base import Ops
 from . import capabilities
 
-TABLE_POINTS = 5  # of the tables of friction against temperature
+TABLE_POINTS = 5  # number of points of the tables of friction over temperature
 WITHOUT_EFFECT: Mapping[str, Any] = {
     "kinematics.initial_angle": 0.0, "inertia.screw": 0.0, "mass.nut": 0.0,
     "friction.coulomb.positive": (0.0,) * 7, "friction.coulomb.negative": (0.0,) * 7, "friction.fin_coulomb": 0.0,
@@ -22,11 +22,11 @@ WITHOUT_EFFECT: Mapping[str, Any] = {
     "controller.velocity.ki": 0.0, "controller.load_observer": 0.0, "controller.position.setpoint_weight": 1.0,
     "controller.position.velocity_feedforward": 0.0,
     "encoder.enabled": False, "encoder.on_fin": False, "encoder.pulses": 1, "encoder.multiplier": 1}
-"""Parameters of the shared equations that an actuator need not have, with values for which nothing depends on them."""
+"""Parameters of the shared equations that an actuator need not have, with values that have no effect."""
 
 
 def completed(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return flat `values` in SI, those WITHOUT_EFFECT added where they lack one."""
+    """Return `values`, by flat names and in SI, completed by those WITHOUT_EFFECT."""
     flat = {name: value for name, value in WITHOUT_EFFECT.items() if not isinstance(value, tuple)}
     arrays = {f"{name}[{i}]": each for name, value in WITHOUT_EFFECT.items() if isinstance(value, tuple)
               for i, each in enumerate(value)}
@@ -34,10 +34,10 @@ def completed(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class AsDeclared:
-    """The parameters that an actuator declares, completed for shared equations by those WITHOUT_EFFECT.
+    """The parameters that an actuator declares, completed by those WITHOUT_EFFECT if it provides shared equations.
 
-    `loop` says whether a loop controls the motor current. ``missing`` are the parameters that the capabilities need in
-    addition.
+    `loop` says whether a loop controls the motor current. ``missing`` lists the parameters that the capabilities need
+    and that are neither declared nor in WITHOUT_EFFECT.
     """
 
     def __init__(self, declared: Iterable[str] = (), provides: Iterable[str] = (), loop: bool = True) -> None:

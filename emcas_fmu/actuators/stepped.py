@@ -1,4 +1,4 @@
-"""An actuator that declares derivatives and discontinuities instead of a step: its step, and what else follows."""
+"""The step and the outputs of an actuator that declares derivatives and discontinuities instead of a step."""
 
 from __future__ import annotations
 
@@ -22,19 +22,20 @@ if TYPE_CHECKING:
     from .declaration import Actuator
 
 BEGUN = "begun"
-"""The state of an actuator whose initial values use inputs: 0 until its first step, whose inputs these are."""
+"""Name of a state, 0 until the first step: an actuator has it whose initial values use the inputs of this step."""
 _INPUTS = ("reference", *LOADS, "supply", "enabled", "rated_current_limit", "command", "sampled_reference",
            "measured_fin_angle", "limited")
 _FIN = Stop("fin_angle", "fin_rate", "fin.stop_angle")
 
 
 def fields(actuator: Actuator) -> dict[str, Any]:
-    """Return step, smooth derivatives, outputs with those of the port, and what a start that uses inputs changes.
+    """Return fields that replace those declared: step, smooth derivatives, outputs with those of the port.
 
-    Raises EmcasError for an actuator without derivatives, or with discontinuities of states that it does not have.
+    If initial values use inputs, all functions that read states are replaced. Raises EmcasError for an actuator without
+    derivatives, or with discontinuities of states or parameters that it does not have.
     """
     if actuator.derivatives is None:
-        raise EmcasError(f"actuator {actuator.name}: has neither step nor derivatives; smooth equations need only "
+        raise EmcasError(f"actuator {actuator.name}: has neither a step nor derivatives; declare "
                          "derivatives")
     names, derivatives, output_values = [s.name for s in actuator.states], actuator.derivatives, actuator.output_values
     stops = [] if {_FIN.angle, _FIN.rate} - set(names) or any(
@@ -63,27 +64,28 @@ def fields(actuator: Actuator) -> dict[str, Any]:
     def smooth(ops: Ops, p: Any, x: Record, u: Record) -> Mapping[str, Value]:
         return system.smooth(ops, p, x, u)
 
-    found = {"step": system.step, "derivatives": smooth, "output_values": outputs, "discontinuities": ()}
-    return found | (_begun(actuator, found) if len(signature(actuator.initial).parameters) == 4 else {})
+    replaced = {"step": system.step, "derivatives": smooth, "output_values": outputs, "discontinuities": ()}
+    return replaced | (_begun(actuator, replaced) if len(signature(actuator.initial).parameters) == 4 else {})
 
 
 def _check_values(each: Discontinuity, parameters: Collection[str]) -> None:
-    """Raise EmcasError for a torque, gap, value or limit that names no parameter, or has other arguments."""
-    words = f"{type(each).__name__} {each.angle if isinstance(each, Stop) else each.name}"
+    """Raise EmcasError for a torque, gap, value or limit that names no parameter, or is a function of other arguments.
+    """
+    owner = f"{type(each).__name__} {each.angle if isinstance(each, Stop) else each.name}"
     for name, value in vars(each).items():
         if callable(value):
-            check_arguments(f"{words}, {name}", value, "ops, p, x, u")
+            check_arguments(f"{owner}, {name}", value, "ops, p, x, u")
         elif isinstance(value, str) and name not in ("name", "rate", "angle") and value not in parameters:
-            raise EmcasError(f"{words}: {name} {value!r} is not a parameter{hint(value, parameters)}")
+            raise EmcasError(f"{owner}: {name} {value!r} is not a parameter{hint(value, parameters)}")
 
 
-def _begun(actuator: Actuator, found: Mapping[str, Any]) -> dict[str, Any]:
+def _begun(actuator: Actuator, replaced: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields of an actuator whose initial values use the inputs of its first sample and step."""
     initial, sample = actuator.initial, actuator.sample
     names = [s.name for s in (*actuator.states, *actuator.controller_states, *actuator.sampled_states)]
 
     def begun(ops: Ops, p: Any, x: Record, u: Record) -> Record:
-        """Return the states, at the start those that follow from the inputs."""
+        """Return the states `x`; before the first step those that follow from the inputs."""
         at = Record(fin_angle=p.fin.start_angle, encoder_offset=None)
         start = {**dict.fromkeys(names, 0.0), "fin_angle": at.fin_angle,
                  **complete(initial, initial(ops, p, at, u), (), names)}
@@ -95,10 +97,10 @@ def _begun(actuator: Actuator, found: Mapping[str, Any]) -> dict[str, Any]:
         """Return a function of (ops, p, x, u) for the states that follow from the inputs."""
         return wraps(function)(lambda ops, p, x, u: function(ops, p, begun(ops, p, x, u), u))
 
-    switched = replace(found["step"].system, begun=lambda ops, p, x, u, h: (begun(ops, p, x, u), h))
-    rates = found["derivatives"]
+    switched = replace(replaced["step"].system, begun=lambda ops, p, x, u, h: (begun(ops, p, x, u), h))
+    rates = replaced["derivatives"]
     return {
-        "states": (*actuator.states, State(BEGUN)), "begun": begun, "step": switched.step(found["step"].as_built),
+        "states": (*actuator.states, State(BEGUN)), "begun": begun, "step": switched.step(replaced["step"].as_built),
         "initial": lambda ops, p, start: {},
         "derivatives": wraps(rates)(lambda ops, p, x, u: {**rates(ops, p, x, u), BEGUN: 0.0}),
-        "sample": from_start(sample), "output_values": from_start(found["output_values"])}
+        "sample": from_start(sample), "output_values": from_start(replaced["output_values"])}

@@ -225,5 +225,5 @@ def test_bad_values_are_refused(overrides: Mapping[str, float], model: str, told
 @pytest.mark.parametrize("model", ["linear", "second-order", "habibi", "ozkan"])
 def test_models_without_such_a_screw(model: str) -> None:
     with pytest.raises(EmcasError, match=rf"model {model}\+efficiency: efficiency needs a screw without losses; "
-                                          rf"{model} has none, nonlinear, ristanovic, elastic have"):
+                                          rf"{model} has none; choose nonlinear, ristanovic or elastic"):
         get(model + OPTION)

@@ -126,9 +126,9 @@ def test_order_does_not_matter() -> None:
     ("nonlinear+heet", "did you mean heat"), ("nonlinear+heat+heat", "appears twice"),
     ("elastc", "did you mean elastic"),
     ("nonlinear+stribeck+lugre", "lugre"), ("nonlinear+lugre+efficiency", "efficiency"),
-    ("linear+stribeck", "stribeck needs Coulomb friction at the motor; linear has none, nonlinear, "),
+    ("linear+stribeck", "stribeck needs Coulomb friction at the motor; linear has none; choose nonlinear, "),
     ("elastic+lugre", "lugre"),
-    ("heat+faults", r"heat is an extension of an actuator: nonlinear\+heat\+faults"),
+    ("heat+faults", r"heat is an extension; name an actuator before it, as in nonlinear\+heat\+faults"),
     ("nonlinear+", "no extension ''"), ("second-order+heat", "heat"),
 ])
 def test_what_there_is_not(name: str, said: str) -> None:

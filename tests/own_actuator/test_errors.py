@@ -33,13 +33,13 @@ _OTHER_SUPPLY = "em.Supply({}, {}, inverse_inductance="
     (('State("current", "A")', 'State("fin_rate", "A")'), "ACTUATOR = em.Actuator(",
      "fin_rate is the name of two things"),
     (('State("current", "A")', 'State("the current", "A")'), None,
-     "'the current': a state's name is a Python identifier"),
-    (("    derivatives=derivatives,\n", ""), "ACTUATOR = em.Actuator(", "has neither step nor derivatives"),
+     "'the current': a state's name is a Python identifier in ASCII and not a keyword"),
+    (("    derivatives=derivatives,\n", ""), "ACTUATOR = em.Actuator(", "has neither a step nor derivatives"),
     (('"fin_rate": torque / inertia, ', ""), "def derivatives", "derivatives() returns no fin_rate"),
     (("rise / p.motor.inductance", "rise / 0.0"), "    return {\"fin_angle\": x.fin_rate, \"fin", "division by 0"),
     (('"motor_current": x.current', '"motor_current": None'), "def output_values",
-     "returns motor_current = None; a number is needed"),
-    (('"motor_current": x.current', '"motor_current": [x.current]'), "def output_values", "a number is needed"),
+     "returns motor_current = None; return a number"),
+    (('"motor_current": x.current', '"motor_current": [x.current]'), "def output_values", "return a number"),
     (('"motor_current": x.current', '"motor_current": float("nan")'), "def output_values",
      "returns motor_current = nan"),
     (("*em.FIN, ", "em.FIN[1], "), "ACTUATOR = em.Actuator(", "there is no state fin_angle; the sensors read"),
@@ -56,25 +56,25 @@ _OTHER_SUPPLY = "em.Supply({}, {}, inverse_inductance="
     (('"integral": ops', '"integrl": ops'), "def sample", "returns integrl, which is not declared; did you mean "
      "integral?; there is"),
     (('"motor_current", "A", "motor current", 10.0', '"motor_current", "A", "motor current", 0.0'),
-     "ACTUATOR = em.Actuator(", "motor_current has nominal 0; give its order of magnitude"),
+     "ACTUATOR = em.Actuator(", "motor_current has nominal 0; declare its order of magnitude"),
     (('real_output("motor_voltage", "V"', 'real_output("motor voltage", "V"'), "ACTUATOR = em.Actuator(",
-     "name 'motor voltage': hosts accept letters, digits and _"),
+     "name 'motor voltage': use letters, digits and _"),
     (("lambda ops, p: 1.0", "lambda p: 1.0"), "    supply=em.Supply.voltage(",
-     "inverse_inductance has 1 argument; give a function of (ops, p) or of (ops, p, interval)"),
+     "inverse_inductance has 1 argument; write a function of (ops, p) or of (ops, p, interval)"),
     (("MOTOR_CURRENT = em.real_output(\"motor_current\"", "MOTOR_CURRENT = em.real_output(\"motor.inertia\""),
      "ACTUATOR = em.Actuator(", "motor.inertia is declared twice"),
     (('"hinge.damping", "N.m.s/rad", 0.0,', '"hinge.damping", "N.m.s/rad", 2e3,'), "ACTUATOR = em.Actuator(",
-     "hinge.damping has minimum 2000 above maximum 1000"),
+     "hinge.damping has a minimum 2000 above its maximum 1000"),
     ((_SUPPLY, _OTHER_SUPPLY.format('em.real_input("supply_heat", "K", "heat")', "MOTOR_VOLTAGE")), "    supply=",
-     "supply supply_heat [K]: the line that feeds an actuator is one of voltage [V] or of pressure [Pa]"),
+     "supply supply_heat [K]: a supply is a voltage [V] or a pressure [Pa]"),
     ((_SUPPLY, _OTHER_SUPPLY.format('em.real_input("supply_voltage", "V", "")', "MOTOR_VOLTAGE")), "    supply=",
-     "every actuator's is supply_power [W]"),
+     "declare supply_power [W]"),
     (("outputs=(MOTOR_CURRENT,", 'outputs=(em.real_output("fin_angle", "deg", "angle", 1.0), MOTOR_CURRENT,'),
-     "ACTUATOR = em.Actuator(", "fin_angle of the fin port is Real [rad], not Real [deg]; leave it out, or rename it"),
+     "ACTUATOR = em.Actuator(", "fin_angle of the fin port is Real [rad], not Real [deg]; leave yours out, or rename it"),
     (("parameters=PARAMETERS", 'parameters=(*PARAMETERS, em.parameter("mass.fin", "g", 0.0, 1e6, ""))'),
      "ACTUATOR = em.Actuator(", "mass.fin of the fin port is Real [kg], not Real [g]"),
     (("controller_states=(em.State(\"integral\", \"V\"),)", 'controller_states=(em.State("integral", "V"))'),
-     "ACTUATOR = em.Actuator(", "controller_states lists things; write a comma behind a single one"),
+     "ACTUATOR = em.Actuator(", "controller_states is not a list; write a comma after a single entry"),
     (("def derivatives(ops, p, x, u)", "def derivatives(ops, p, x)"), "ACTUATOR = em.Actuator(",
      "derivatives() in line 62 has the arguments (ops, p, x); it is called with (ops, p, x, u)"),
     (("def sample(ops, p, x, inputs)", "def sample(ops, p, x)"), "ACTUATOR = em.Actuator(",
@@ -89,10 +89,10 @@ _OTHER_SUPPLY = "em.Supply({}, {}, inverse_inductance="
      "ACTUATOR = em.Actuator(", "Limit v, high: <lambda>() in line 88 has the arguments (ops, p); it is called with "
      "(ops, p, x, u)"),
     (("    sample=sample,", '    rules=em.rising("x", 2), sample=sample,'), "ACTUATOR = em.Actuator(",
-     "rules lists things; write a comma"),
+     "rules is not a list; write a comma"),
     (("parameters=PARAMETERS", 'parameters=(*PARAMETERS, em.array("x", 2, "m", 0.0, 1.0, ""))'),
-     "ACTUATOR = em.Actuator(", "parameters has several things in the place of one; write * before them"),
-    (("states=(*em.FIN", "states=(em.FIN"), "ACTUATOR = em.Actuator(", "states has several things in the place of one"),
+     "ACTUATOR = em.Actuator(", "an entry of parameters is a list; write * before it"),
+    (("states=(*em.FIN", "states=(em.FIN"), "ACTUATOR = em.Actuator(", "an entry of states is a list"),
     (("em.capabilities.POSITION_LOOP}", "'a motor curent'}"), "ACTUATOR = em.Actuator(",
      "did you mean a motor current?"),
     (("em.capabilities.POSITION_LOOP}", "em.capabilities.CURRENT_LIMIT}"), "ACTUATOR = em.Actuator(",
@@ -210,7 +210,7 @@ def test_a_rule_is_named(tmp_path: Path, check: str, says: str) -> None:
     (('"N.m/rad", 0.0', '"N.mm/rad", 0.0'), "spring.stiffness: N.mm/rad is 0.001 times the SI unit"),
     (('real_output("motor_current", "A"', 'real_output("motor_current", "mA"'), "motor_current: mA is 0.001 times"),
     (('State("current", "A")', 'State("current", "mA")'), "current: mA is 0.001 times the SI unit, in which equations"),
-    (('name="direct-drive"', 'name="elastic"'), "name 'elastic' is that of an actuator or extension that is shipped"),
+    (('name="direct-drive"', 'name="elastic"'), "name 'elastic' is that of a shipped actuator or extension"),
     (('name="direct-drive"', 'name="direct drive"'), "name 'direct drive': use letters, digits"),
 ])
 def test_the_declaration_is_judged(tmp_path: Path, change: tuple[str, str], says: str) -> None:
@@ -262,7 +262,7 @@ def test_an_extension_says_what_is_missing() -> None:
             "homing needs a drive whose reference has a limit, an encoder on motor or fin, a motor current; let "
             "direct-drive provide em.capabilities.REFERENCE_LIMIT, em.capabilities.ENCODER, em.capabilities."
             "MOTOR_CURRENT and declare drive.reference_limit, encoder.pulses, encoder.multiplier, encoder.enabled, "
-            "state counts; nonlinear, ristanovic")):
+            "state counts, or choose nonlinear, ristanovic")):
         get(f"{FILE}+homing")
 
 

@@ -213,7 +213,7 @@ def declared(*faults: PlantFault) -> Actuator:
 
 @pytest.mark.parametrize(("make", "said"), [
     (lambda: PlantFault("oil leak", "", nothing), "'oil leak' is not a Python identifier"),
-    (lambda: PlantFault("leak", "", nothing, (tunable("end", "1", 0.0, 1.0, ""),)), "end is of its schedule"),
+    (lambda: PlantFault("leak", "", nothing, (tunable("end", "1", 0.0, 1.0, ""),)), "every fault has a parameter end"),
     (lambda: declared(*(PlantFault("leak", "", nothing),) * 2), "fault leak is declared twice"),
     (lambda: extension.EXTENSION.over(declared(*(PlantFault(f"f{i}", "", nothing) for i in range(16)))),
      "16 faults are declared; fault_word has room for 15"),

@@ -53,8 +53,8 @@ def stepped(folder: Path, result: str) -> Path:
 
 
 @pytest.mark.parametrize(("result", "says"), [
-    (STATES, "step() returns dict; a mapping of states and the time until then are needed"),
-    (f"{STATES}, None", "step() returns the time of the step = None; a number is needed"),
+    (STATES, "step() returns dict; return a mapping of states and the time that it has advanced"),
+    (f"{STATES}, None", "step() returns the time of the step = None; return a number"),
 ])
 def test_what_a_step_returns(tmp_path: Path, result: str, says: str) -> None:
     with pytest.raises(EmcasError, match=r"mine\.py, line \d+: " + re.escape(says)):

@@ -64,7 +64,7 @@ def test_no_named_set_warns(name: str) -> None:
     ({"motor.inductance": 0.047, "controller.sample_time": 6.4e-3, "controller.velocity.kp": 0.03}, ""),
     ({"motor.resistance": 0.0201}, ""),
     ({"motor.resistance": 0.0199}, "1 mH is 1e-3 H"),  # 0.6 mH over 0.02 Ohm is 30 samples
-    ({"fin.stop_angle": radians(20.0)}, "leaves less than 0.01"),
+    ({"fin.stop_angle": radians(20.0)}, "by less than 0.01 of that limit"),
     ({"fin.stop_angle": radians(20.19)}, "the stop hides an overshoot"),
     ({"fin.stop_angle": radians(20.21)}, ""),
     ({"controller.speed_limit": 354.0}, ""),

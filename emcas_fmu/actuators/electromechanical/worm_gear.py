@@ -48,8 +48,8 @@ WORM = Group((*in_group(
             lambda ops, p, m: screw_loss.loss(ops, p, m.x, m.u, {
                 "motor_speed": m.x.motor_speed, "fin_angle": m.fin, "motor_torque": drive.torque(p, m.motor_current),
                 "hinge_torque": m.hinge_torque})),),
-    deviations=(Deviation(parameter("deviation.worm.friction", "1", -0.9, 10.0, "friction coefficient of the flanks as "
-                                    "built over nominal, less 1")),))
+    deviations=(Deviation(parameter("deviation.worm.friction", "1", -0.9, 10.0, "relative deviation as built of the "
+                                    "flanks' friction coefficient")),))
 
 
 COMPOSITION = interface.composed(nonlinear.moment, *groups.with_gear(WORM, "worm wheel"))
