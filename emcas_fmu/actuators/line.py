@@ -83,13 +83,13 @@ BUS = Line(
     group="bus",
     supply="electrical supply",
     source="voltage of the bus's source",
-    power="electrical power from the bus to all drives, if they have DC links its mean over the last update; negative "
-          "while regenerating",
+    power="electrical power from the bus to all drives (with DC links its mean over the last update); negative while "
+          "regenerating",
     outputs=(
         real_output("bus_voltage", "V", "voltage at the drives: the source's less the sag, or that of the common DC "
                     "link", 30.0, minimum=0.0),
-        real_output("bus_current", "A", "current from the bus to all drives, if they have DC links its mean over the "
-                    "last update; negative while regenerating", 30.0)),
+        real_output("bus_current", "A", "current from the bus to all drives (with DC links its mean over the last "
+                    "update); negative while regenerating", 30.0)),
     parameters=(
         parameter("bus.source_resistance", "Ohm", 0.0, 1.0,
                   "resistance between supply_voltage and the drives (0: stiff bus)"),

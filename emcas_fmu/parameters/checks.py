@@ -1,4 +1,4 @@
-"""Checks of an actuator's values as a whole: names, limits, and the rules that combinations must keep."""
+"""Checks of a whole set of an actuator's values: names, limits, and rules for combinations."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ from .entries import ParameterError
 
 
 def check_parameters(values: Mapping[str, Any], model: str = NONLINEAR) -> list[str]:
-    """Return the problems of an actuator's values by name: missing or unknown names, limits, combinations."""
+    """Return messages about `values`, by name in SI: missing or unknown names, limits, broken rules.
+
+    Raises EmcasError for an unknown model.
+    """
     actuator = get(model)
     known = {v.name for v in actuator.file_entries}
     missing = [f"{v.name} is missing" for v in actuator.parameters if v.name not in values]
@@ -32,21 +35,22 @@ def check_parameters(values: Mapping[str, Any], model: str = NONLINEAR) -> list[
 
 
 def require_sound(values: Mapping[str, Any], model: str = NONLINEAR) -> None:
-    """Raise ParameterError with the problems of an actuator's values by name, if there are any."""
+    """Raise ParameterError with all messages of :func:`check_parameters`, if there are any."""
     if problems := check_parameters(values, model):
         raise ParameterError(problems)
 
 
 def check_combinations(values: Mapping[str, Any], actuator: Actuator, warnings: bool = False) -> list[str]:
-    """Return a message for each rule of the actuator that values, which are within their limits, break.
+    """Return a message for each broken rule of the actuator; `values` must be within their limits.
 
-    These are the rules that refuse, or those that only warn (`warnings`).
+    With `warnings` these are the rules that only warn, otherwise those that refuse. Raises EmcasError if a rule in a
+    user's file fails.
     """
     return list(broken_rules(values, actuator, warnings).values())
 
 
 def broken_rules(values: Mapping[str, Any], actuator: Actuator, warnings: bool = False) -> dict[Rule, str]:
-    """Return the broken rules with their messages; see `check_combinations`."""
+    """Return the broken rules with their messages, as `check_combinations` does."""
     try:
         return messages(actuator.all_rules, actuator.namespace(values), warnings)
     except Exception as error:
@@ -56,7 +60,7 @@ def broken_rules(values: Mapping[str, Any], actuator: Actuator, warnings: bool =
 
 
 def messages(rules: Iterable[Rule], p: Any, warnings: bool) -> dict[Rule, str]:
-    """Return the broken ones of `rules` with their messages, for nested parameters `p`; see `check_combinations`."""
+    """Return those of `rules` that nested parameters `p` break, with their messages; see `check_combinations`."""
     return {rule: message for rule in rules if rule.warning == warnings
             for message in check_rules([_bound(rule, p)], warnings)}
 

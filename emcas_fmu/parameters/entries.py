@@ -1,4 +1,4 @@
-"""Entries of a parameter file: a value with unit, source and note each, read and checked one by one."""
+"""Entries of a parameter file, each a value with unit, source and note: read and checked one by one."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from . import schema
 Value = float | int | bool
 
 IDENTIFIED = "identified"
-"""Source of a value that was found from measurements."""
+"""Source of a value that was identified from measurements."""
 
 _FIELDS = ("value", "unit", "source", "note")
-# Relative. A limit that is written in another unit is still the limit.
+# Relative distance from a limit within which a value is the limit: it may be written in another unit.
 _ROUNDING = 1e-12
-# Present names for former ones, used in hints only.
+# Present names by former ones, for hints only.
 _RENAMED = {f"friction.cold_{kind}_ratio": f"friction.table.{kind}" for kind in ("viscous", "coulomb")}
 
 
@@ -40,7 +40,7 @@ class ParameterError(EmcasError, ValueError):
 
 
 class Known:
-    """Names that a file or program may use, and the message for an unknown one."""
+    """Names that a file or program may use; `unknown` begins the message for any other name."""
 
     def __init__(self, variables: Iterable[Variable], unknown: str = "unknown parameter") -> None:
         self.unknown = unknown
@@ -60,9 +60,9 @@ def _shipped() -> tuple[Variable, ...]:
 
 @cache
 def known_names(model: str) -> Known:
-    """Return the names that a user's file may use; a name that the actuator declares has the actuator's meaning.
+    """Return the names that a user's file may use: those of all shipped actuators, and of `model`, with extensions.
 
-    Extensions may have parameters for one actuator only, such as those of its faults.
+    A name that the actuator declares has the actuator's meaning. Raises EmcasError for an unknown model.
     """
     extensions, plain = map(get_extension, EXTENSIONS), get(parts(model)[0])
     return Known((*_shipped(), *(v for each in extensions for v in each.parameters(plain)), *get(model).file_entries))
@@ -70,7 +70,7 @@ def known_names(model: str) -> Known:
 
 @cache
 def declared_names(model: str) -> Known:
-    """Return the names of one actuator's parameters."""
+    """Return the names of one actuator's file entries. Raises EmcasError for an unknown model."""
     return Known(get(model).file_entries, f"the {get(model).name} actuator has no such parameter")
 
 
@@ -78,9 +78,9 @@ def declared_names(model: str) -> Known:
 class Entry:
     """One value in its variable's unit, and its origin.
 
-    `text` is the value as written. `source` is ``thesis``, ``derived``, ``tuned`` or ``estimate`` in the default set,
-    otherwise ``user``, ``identified`` or the user's word. `file` is the name of the file, empty for a value set in a
-    program. `default` is true for values of the default set.
+    `text` is the value as written, with its unit. `source` is ``thesis``, ``derived``, ``tuned`` or ``estimate`` in the
+    default set, otherwise ``user``, ``identified`` or the user's word. `file` is the name of the file, empty for a
+    value set in a program. `default` is true for values of the default set.
     """
 
     variable: Variable
@@ -95,7 +95,10 @@ class Entry:
 def read_entries(
     document: Mapping[str, Any], label: str, file: str, source: str, known: Known,
 ) -> tuple[dict[str, Entry], list[str]]:
-    """Return the sound entries of a document and the problems of the others."""
+    """Return the valid entries of a document by name, and messages about the others.
+
+    `label` begins each message; `file` is the name of the file, `source` the source of entries that have none.
+    """
     entries: dict[str, Entry] = {}
     errors: list[tuple[str, Mapping[str, Any], ValueError]] = []
 
@@ -119,7 +122,7 @@ def read_entries(
 
 
 def _scalars(key: str, written: Any, known: Known) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield name and fields of the scalar that a key sets, or of each element of an array."""
+    """Yield name and fields of the scalar that a key sets, or of each element of an array. Raises ValueError."""
     fields = written if isinstance(written, Mapping) else {"value": written}
     if key in known.variables:
         yield key, fields
@@ -160,7 +163,7 @@ def _entry(variable: Variable, fields: Mapping[str, Any], source: str, file: str
 
 
 def _value(variable: Variable, fields: Mapping[str, Any]) -> Value:
-    """Return the value of a scalar. Raises ValueError."""
+    """Return the value of a scalar in the variable's unit. Raises ValueError with the problem."""
     if variable.kind == "Boolean" and "unit" in fields and isinstance(fields["value"], bool):
         raise ValueError("true and false have no unit")
     value: Value = schema.In.of(variable).number(fields["value"], fields.get("unit", ""))
@@ -175,7 +178,7 @@ def _value(variable: Variable, fields: Mapping[str, Any]) -> Value:
 
 
 def in_variables_unit(name: str, value: object, model: str) -> object:
-    """Return a value that a program has passed, as a parameter file would contain it."""
+    """Return a value that a program has passed in the variable's unit, as a parameter file would contain it."""
     if isinstance(value, (list, tuple)):
         return [in_variables_unit(f"{name}[{i}]", element, model) for i, element in enumerate(value)]
     if isinstance(value, bool) or not isinstance(value, Real):
@@ -187,13 +190,13 @@ def in_variables_unit(name: str, value: object, model: str) -> object:
 
 
 def file_entry(values: Sequence[float], unit: str, source: str, note: str) -> dict[str, object]:
-    """Return the table of a parameter file for a value, or an array, in the variable's unit."""
+    """Return the table of a parameter file for one value, or for an array, in `unit`."""
     texts = [repr(float(value)) for value in values]
     return {"value": texts if len(texts) > 1 else texts[0], "unit": unit, "source": source, "note": note}
 
 
 def as_text(fields: Mapping[str, Any]) -> str:
-    """Return a value as its file contains it, with its unit."""
+    """Return the value in the fields of an entry as its file contains it, with its unit."""
     value, unit = fields.get("value", "(nothing)"), fields.get("unit", "")
     text = str(value).lower() if isinstance(value, bool) else schema.shortened(value)
     return text if unit in ("", "1") else f"{text} {unit}"

@@ -1,4 +1,4 @@
-"""Records of measurements, as comments of a parameter file name them."""
+"""Records of measurements, which comments of a parameter file name."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ _RECORD = re.compile(r"^# Record (.+), SHA-256 ([0-9a-f]{64})(?:: (.*))?$", re.M
 
 
 class MeasuredRecord(NamedTuple):
-    """A record from which values of the parameter file `file` were identified, or with which they were compared.
+    """A record from which values in the parameter file `file` were identified, or with which they were compared.
 
-    `use` says which of both, and how far the simulation is off; empty if the comment does not.
+    `use` says for which of these it was used, and the error of the simulation; empty if the comment does not say so.
     """
 
     file: str
@@ -21,7 +21,7 @@ class MeasuredRecord(NamedTuple):
 
     @property
     def comment(self) -> str:
-        """The comment of a parameter file."""
+        """The comment that names this record in a parameter file."""
         return f"Record {self.name}, SHA-256 {self.sha256}" + (f": {self.use}" if self.use else "")
 
 

@@ -1,4 +1,4 @@
-"""TOML files as pydantic models; an error has a line for each problem, as `FILE: KEY = VALUE: reason`."""
+"""TOML files as pydantic models; an error has a line `FILE: KEY = VALUE: reason` for each problem."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from ..variables import Variable
 from .toml import tomllib
 
 MOST_PROBLEMS = 20
-"""Problems of a file that are listed; the others are only counted."""
-_MOST_NESTED = 50  # tables and lists inside each other
-_LONGEST_INTEGER = 64  # bits, by the TOML specification
-_LONGEST_SHOWN = 60  # characters of a value in a message
+"""Most problems of a file that are listed; the others are only counted."""
+_MOST_NESTED = 50  # most tables and lists inside each other
+_LONGEST_INTEGER = 64  # bits of a whole number, by the TOML specification
+_LONGEST_SHOWN = 60  # most characters of a value in a message
 
 T = TypeVar("T")
 M = TypeVar("M", bound="Table")
 Location = tuple[int | str, ...]
-# Messages for those of pydantic's errors that a TOML file can cause.
+# Messages for pydantic's errors that a TOML file can cause.
 _REASONS = {"string_type": "must be a string", "bool_type": "expected true or false", "list_type": "must be a list",
             "int_type": "expected a whole number", "dict_type": "expected a table", "model_type": "expected a table",
             "too_short": "must have at least one entry", "greater_than_equal": "must be at least {ge}",
@@ -34,7 +34,7 @@ _REASONS = {"string_type": "must be a string", "bool_type": "expected true or fa
 
 
 class Table(BaseModel):
-    """A table of a file. Its keys are the fields; others are refused."""
+    """A table of a file. Its keys are the fields of the class; other keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
 
@@ -50,14 +50,14 @@ class Table(BaseModel):
 
 
 def failure(problems: Iterable[tuple[Location, str, Any]]) -> ValidationError:
-    """Return an error with several problems, each with its path below the table, the reason and the entry."""
+    """Return an error with several problems, each with its keys below the table, the reason and the entry."""
     return ValidationError.from_exception_data("table", [
         InitErrorDetails(type=PydanticCustomError("reason", reason), loc=location, input=written)
         for location, reason, written in problems])
 
 
 def further(problems: Sequence[Any]) -> list[str]:
-    """Return the message about problems beyond those that are listed, in a list; empty if there are none."""
+    """Return a list with the message about the problems that are not listed; empty if all are."""
     return [f"and {len(problems) - MOST_PROBLEMS} problems more"] if len(problems) > MOST_PROBLEMS else []
 
 
@@ -75,7 +75,7 @@ def _worded(problem: Any, keys: list[str]) -> tuple[Location, str, Any]:
 
 
 def unknown(word: Any, known: Iterable[str]) -> str:
-    """Return the message for an unknown word."""
+    """Return the message for an unknown word, with the nearest known word and all of them."""
     words = list(known)
     return f"{hint(word, words).removeprefix('; ')} there is {', '.join(words)}".lstrip()
 
@@ -88,7 +88,10 @@ def parameter_of(name: str, variables: Mapping[str, Variable], remedy: str = "")
 
 
 def named(tables: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the tables of a list with their names, the values of their key `name`. Raises ValueError."""
+    """Yield name and table for each table of a list; the name is the value of its key `name`, or its index.
+
+    Raises ValueError if `tables` is not a list.
+    """
     if not isinstance(tables, list):
         raise ValueError("must be a list of tables")
     for i, table in enumerate(tables):
@@ -97,7 +100,7 @@ def named(tables: Any) -> Iterator[tuple[str, Any]]:
 
 def leaves(table: Mapping[str, Any], is_group: Callable[[str, Mapping[str, Any]], Any], prefix: str = "",
            ) -> Iterator[tuple[str, Any]]:
-    """Yield dotted names and their values; tables for which `is_group(name, table)` holds are entered."""
+    """Yield the dotted names and values of a table and of the tables in it for which `is_group(name, table)` holds."""
     for key, written in table.items():
         name = f"{prefix}{key}"
         if isinstance(written, Mapping) and is_group(name, written):
@@ -119,7 +122,7 @@ def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
     problems: list[tuple[Location, str, Any]] = []
     for name, written in entries:
         if len(problems) >= MOST_PROBLEMS:
-            problems.append(((), "further entries are not looked at", None))
+            problems.append(((), "the entries after these are not checked", None))
             break
         try:
             if name in values:
@@ -136,7 +139,10 @@ def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
 
 
 def kind_of(written: Any, kinds: Iterable[str], key: str = "kind") -> str:
-    """Return the kind of a table, the value of its `key`. Raises ValueError or ValidationError."""
+    """Return the kind of a table, the value of its `key`.
+
+    Raises ValueError if it has no such key, ValidationError for another kind than `kinds`.
+    """
     known = list(kinds)
     if not isinstance(written, Mapping) or key not in written:
         raise ValueError(f"expected a table with a {key}; there is {', '.join(known)}")
@@ -147,7 +153,7 @@ def kind_of(written: Any, kinds: Iterable[str], key: str = "kind") -> str:
 
 @dataclass(frozen=True)
 class In:
-    """Format of a quantity: its unit, its limits, and the value to which a percentage refers (`base`), in that unit.
+    """Format of a quantity: its unit and, in that unit, its limits and the `base` to which a percentage refers.
 
     `Annotated[float, In("rad")]` declares a field with this format. `type` is Real, Integer or Boolean.
     """
@@ -159,9 +165,9 @@ class In:
     type: str = "Real"
 
     def number(self, written: Any, unit: str = "") -> Any:
-        """Return the value of an entry in the unit, without checking limits. Raises ValueError.
+        """Return the value of an entry in this format's unit, without checking limits. Raises ValueError.
 
-        The entry may have its `unit` beside it.
+        `unit` is that of the entry if it is not part of its text.
         """
         if self.type == "Boolean":
             if not isinstance(written, bool):
@@ -183,7 +189,7 @@ class In:
         return value
 
     def limited(self, written: Any) -> Any:
-        """Return the value of an entry in the unit. Raises ValueError, also if it is outside the limits."""
+        """Return the value of an entry in this format's unit. Raises ValueError, also if it is outside the limits."""
         value = self.number(written)
         if not self.minimum <= value <= self.maximum:
             raise ValueError(f"must be {self.limits}")
@@ -209,7 +215,10 @@ Quantity = Annotated[Any, PlainValidator(lambda written, info: info.context.numb
 
 
 def document(path: Path, error: type[EmcasError], number: Callable[[str], Any] = float) -> tuple[str, dict[str, Any]]:
-    """Return text and contents of a TOML file; decimal numbers are converted by `number`. Raises `error`."""
+    """Return text and contents of a TOML file; decimal numbers are converted by `number`.
+
+    Raises `error` if the file cannot be read, or is not valid TOML.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
         contents = tomllib.loads(text, parse_float=number)
@@ -221,14 +230,14 @@ def document(path: Path, error: type[EmcasError], number: Callable[[str], Any] =
         raise error(f"{path}: is not valid TOML: {problem}") from problem
 
 
-# Kinds of files, by a table that only this kind has.
+# Kinds of files, each by a table that no other kind has.
 _KINDS = {"tunables": "a tuning study; run it with `emcas tune FILE`",
           "vary": "a campaign; run it with `emcas campaign FILE`",
           "requirements": "a file of requirements; use it as `--requirements FILE`"}
 
 
 def misplaced(contents: Mapping[str, Any], expected: str = "") -> str:
-    """Return the kind of a file in words if it is not the kind with the `expected` table; otherwise nothing."""
+    """Return the kind of a file, in words, unless it is the kind with the `expected` table; otherwise ""."""
     return next((f"is {kind}" for key, kind in _KINDS.items() if key in contents and key != expected), "")
 
 
@@ -246,7 +255,7 @@ def _check_contents(contents: Mapping[str, Any]) -> None:
 
 
 def read(model: type[M], written: Mapping[str, Any], path: Path, error: type[EmcasError], context: Any = None) -> M:
-    """Return a file's contents as `model`, validated with `context`. Raises `error` with all problems."""
+    """Return a file's contents as `model`, validated with `context`. Raises `error` with a line for each problem."""
     try:
         return model.model_validate(written, context=context)
     except ValidationError as caught:
@@ -259,7 +268,7 @@ def load(model: type[M], path: Path, error: type[EmcasError], context: Any = Non
 
 
 def shortened(written: object) -> str:
-    """Return a value for a message, shortened."""
+    """Return a value as text for a message, shortened."""
     text = str(written)
     return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}…"
 

@@ -44,14 +44,14 @@ from .entries import (
 )
 from .measured import MeasuredRecord, measured_records
 
-# Ratio of constants that should be equal. Measured ones differ less, by saturation and iron losses; a mistake (rms for
-# peak, phase for line to line) is 22 % or more.
+# Largest ratio of constants that should be equal. Measured constants differ less, by saturation and iron losses; a
+# mistake (rms for peak, phase for line to line) is 22 % or more.
 _APART = 1.2
 
 MADE_FOR = "made_for"
-"""Key of a parameter file that lists the actuators or +extensions for which its values are meant."""
+"""Key in a parameter file of the list of actuators or +extensions for which the file's values are meant."""
 EXTENDS = "extends"
-"""Key of a parameter file that lists the +extensions which it adds to the actuator."""
+"""Key in a parameter file of the list of +extensions that the file adds to the actuator."""
 
 
 @checked
@@ -60,7 +60,8 @@ class ParameterSet:
     """A complete, checked set of an actuator's parameters.
 
     `entries` are in the actuator's order. `unused` are names in a user's file that only other actuators have. `files`
-    are those loaded over the defaults: their names as passed, and their SHA-256. `records` are those that files name.
+    contains name, as passed, and SHA-256 of each file loaded over the defaults. `records` are the records that files
+    name.
     """
 
     entries: tuple[Entry, ...]
@@ -90,18 +91,21 @@ class ParameterSet:
 
     @property
     def measured(self) -> tuple[MeasuredRecord, ...]:
-        """The records of the files from which there is still an identified value."""
+        """The records in those files of which the set still has an identified value."""
         files = {e.file for e in self.entries if e.source == IDENTIFIED}
         return tuple(dict.fromkeys(record for record in self.records if record.file in files))
 
     def estimates_in(self, names: Collection[str]) -> tuple[str, ...]:
-        """Return the engineering estimates among named parameters, or groups of them such as ``heat.``."""
+        """Return the parameters that are engineering estimates and whose names begin with one of `names`.
+
+        A group such as ``heat.`` is therefore a name, too.
+        """
         prefixes = tuple(names)
         return tuple(name for name in self.estimates if name.startswith(prefixes))
 
     @property
     def estimated_outputs(self) -> Mapping[str, tuple[str, ...]]:
-        """Estimates from which an extension computes an output, by the outputs that extensions add."""
+        """For each output that an extension adds, the names of the estimates from which it is computed, if any."""
         estimates = {output: self.estimates_in(names) for output, names in extension_inputs(self.model).items()}
         return {output: names for output, names in estimates.items() if names}
 
@@ -118,26 +122,27 @@ class ParameterSet:
         return tuple(filter(None, warnings))
 
     def _of_another_size(self, extension: str) -> str:
-        """Return a warning if an extension in use has defaults of the default actuator's size; otherwise nothing."""
+        """Return a warning if an extension in use has defaults of the default actuator's size; otherwise ""."""
         switch, actuator = get_extension(extension).sized_for_default, parts(self.model)[0]
         if not switch or actuator == NONLINEAR or not float(self.values[switch]) > 0.0:
             return ""
         left = [e.variable.name for e in self.entries if e.default and e.variable.name.startswith(f"{extension}.")]
-        return (f"{', '.join(left)}: still those of the default actuator, {actuator} may be slower or faster; set "
-                "them, or begin with a set that is made for it (emcas parameters --sets)") if left else ""
+        return (f"{', '.join(left)}: still the values for the default actuator, while {actuator} may be slower or "
+                "faster; set them, or begin with a set made for it (emcas parameters --sets)") if left else ""
 
     def with_values(self, overrides: Mapping[str, object] | None = None, /, **more: object) -> ParameterSet:
         """Return a new checked set with some values replaced.
 
         Numbers are in the variables' units; text contains its unit ("50 mm"). An array may be replaced as a whole.
-        Unlike a file, this changes no parameter that is equal to a replaced one. Raises ParameterError.
+        A parameter that should be equal to a replaced one does not follow, as it would in a file. Raises ParameterError
+        with all problems.
         """
         values = {**(overrides or {}), **more}
         document = {name: in_variables_unit(name, value, self.model) for name, value in values.items()}
         return _overridden(self, document, "replaced value", "")
 
     def having(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the values, by name, of parameters that this actuator has."""
+        """Return those of `values`, by name, whose parameters this actuator has."""
         names = {e.variable.name for e in self.entries}
         return {name: value for name, value in values.items() if name in names}
 
@@ -147,7 +152,9 @@ class ParameterSet:
 
 
 def shipped_file(kind: str, model: str) -> Path:
-    """Return a shipped file of a kind: models/KIND/NAME.toml, NAME with extensions or without, else models/KIND.toml.
+    """Return the path of the shipped file models/KIND/NAME.toml, NAME with or without extensions, or models/KIND.toml.
+
+    The first that exists in this order.
     """
     named = (models_directory() / kind / f"{name}.toml" for name in (model, parts(model)[0]))
     return next((path for path in named if path.is_file()), models_directory() / f"{kind}.toml")
@@ -157,7 +164,7 @@ def shipped_file(kind: str, model: str) -> Path:
 def parameter_file(name: Path | str, folder: Path = Path()) -> Path:
     """Return the path of a parameter file, relative to a folder, or of a shipped set by its name.
 
-    Raises ParameterError for a name without ending that is neither.
+    Raises ParameterError for a name without ending that is neither a file nor a set.
     """
     path, sets = folder / name, named_sets()
     if path.is_file() or Path(name).name != str(name) or path.suffix:
@@ -203,16 +210,16 @@ def _is_shipped_set(path: Path) -> bool:
 
 
 def _names(document: dict[str, Any], key: str, path: Path) -> tuple[str, ...]:
-    """Remove a list of names of actuators or +extensions from a document, and return it; () if there is none."""
+    """Remove the list at `key`, of names of actuators or +extensions, from a document, and return it; () without it."""
     names = document.pop(key, ())
     if names != () and not (names and isinstance(names, list) and all(isinstance(each, str) for each in names)):
-        raise ParameterError(f"{path}: {key} = {names!r}: expected a list of names of actuators, or of "
+        raise ParameterError(f"{path}: {key} = {names!r}: write a list of names of actuators, or of "
                              'extensions with a +, such as ["elastic", "+heat"]')
     return tuple(names)
 
 
 def _extended(base: ParameterSet, extensions: tuple[str, ...], path: Path) -> ParameterSet:
-    """Return a set of the actuator with these +extensions, in which `base` replaces the defaults."""
+    """Return the set of the actuator with these +extensions, with the values of `base` instead of defaults."""
     actuator, present = parts(base.model)
     if not (added := [each.removeprefix("+") for each in extensions if each.removeprefix("+") not in present]):
         return base
@@ -220,15 +227,15 @@ def _extended(base: ParameterSet, extensions: tuple[str, ...], path: Path) -> Pa
         defaults = _defaults(full_name("+".join((actuator, *present, *added))))
     except EmcasError as error:
         raise ParameterError(f"{path}: {error}") from error
-    before = {e.variable.name: e for e in base.entries}
-    return dataclass_replace(defaults, entries=tuple(before.get(e.variable.name, e) for e in defaults.entries),
+    present_entries = {e.variable.name: e for e in base.entries}
+    return dataclass_replace(defaults, entries=tuple(present_entries.get(e.variable.name, e) for e in defaults.entries),
                              unused=base.unused, files=base.files, records=(*defaults.records, *base.records))
 
 
 def _require_made_for(made_for: tuple[str, ...], path: Path, model: str, added: tuple[str, ...]) -> None:
-    """Raise ParameterError if a file is made for actuators or +extensions other than this shipped one with those added.
+    """Raise ParameterError if a file is made for actuators or +extensions that the shipped `model` does not have.
 
-    Users decide for their actuators.
+    `added` are the extensions that the file adds. A user's actuator may use any file.
     """
     if not made_for:
         return
@@ -238,9 +245,9 @@ def _require_made_for(made_for: tuple[str, ...], path: Path, model: str, added: 
         if _is_shipped_set(path):
             name = path.stem
             made_for = (*made_for, *(each.stem for each in sorted(path.with_suffix("").glob("*.toml"))))
-        raise ParameterError(f"{name}: is made for {', '.join(made_for)} ({MADE_FOR}) and not for {model}, where its "
-                             "values have no meaning or were measured or tuned for another actuator: leave it out, or "
-                             "choose such a model")
+        raise ParameterError(f"{name}: is made for {', '.join(made_for)} ({MADE_FOR}) and not for {model}, for which "
+                             "its values have no meaning, or were not measured or tuned: leave it out, or choose a "
+                             "model for which it is made")
 
 
 def _defaults(model: str) -> ParameterSet:
@@ -251,33 +258,33 @@ def _defaults(model: str) -> ParameterSet:
 @lru_cache(maxsize=128)
 def _read_defaults(model: str, files: tuple[Path, ...], contents: tuple[bytes, ...]) -> ParameterSet:
     """Return the default set of files with these contents, `models/emcas.toml` first."""
-    actuator, (shipped, *own) = get(model), files
+    actuator, (shipped, *added) = get(model), files
     source = actuator.source or Path(actuator.name)
 
     def read(document: Mapping[str, Any], file: Path, origin: str = "") -> dict[str, Entry]:
-        sound, problems = read_entries(document, str(file), file.name, origin, known_names(model))
+        valid, problems = read_entries(document, str(file), file.name, origin, known_names(model))
         if problems:
             raise ParameterError(problems)
-        return sound
+        return valid
 
     entries = read(_document(shipped), shipped)
     if not is_shipped(model):
-        # The motor resistance of a user's actuator, say, is not that of the thesis, nor is its fin: only the limits,
-        # mounting and sampling of the fin port apply.
+        # Motor and fin of a user's actuator are not those of the thesis: only limits, mounting and sampling of the fin
+        # port apply.
         none = {v.name: 0.0 for v in fin_port.TURNING if v.minimum <= 0.0}
         entries = {v.name: entries[v.name] for v in fin_port.PARAMETERS if v not in fin_port.TURNING} | read(
             {name: in_variables_unit(name, value, model) for name, value in none.items()}, source, "derived")
     entries |= read({name: in_variables_unit(name, value, model) for name, value in actuator.values.items()}, source,
                     "estimate")
-    for file in own:
+    for file in added:
         entries |= read(_document(file), file)
     for v in actuator.parameters:
         if v.start is not None and v.name not in entries:
             text = as_text({"value": v.start, "unit": v.unit})
             entries[v.name] = Entry(v, v.start, text, "derived", "As declared; no file sets it.", "")
-    where = [shipped, *own][-1] if is_shipped(model) else [source, *actuator.files][-1]
+    where = [shipped, *added][-1] if is_shipped(model) else [source, *actuator.files][-1]
     if missing := [f"{declared_in(where, v.name) if where == actuator.source else where}: {v.name}: missing; the "
-                   f"defaults must give every parameter of the {actuator.name} actuator"
+                   f"defaults must contain every parameter of the {actuator.name} actuator"
                    for v in actuator.file_entries if v.name not in entries]:
         raise ParameterError(missing)
     made = _checked(tuple(dataclass_replace(entries[v.name], default=True) for v in actuator.file_entries), model,
@@ -287,12 +294,12 @@ def _read_defaults(model: str, files: tuple[Path, ...], contents: tuple[bytes, .
 
 
 def are_defaults(parameters: ParameterSet) -> bool:
-    """Return whether a set has the values of the nonlinear actuator's default set, whatever their origin."""
+    """Return whether a set has the values of the nonlinear actuator's default set; sources and files do not matter."""
     return parameters.model == NONLINEAR and dict(parameters.values) == dict(load_parameters().values)
 
 
 def _document(path: Path) -> dict[str, Any]:
-    # Numbers remain text, since they are converted to the variable's unit in decimal arithmetic.
+    # Numbers remain text: they are converted to the variable's unit in decimal arithmetic.
     contents = schema.document(path, ParameterError, str)[1]
     if other := schema.misplaced(contents):
         raise ParameterError(f"{path}: is not a parameter file: it {other}")
@@ -300,16 +307,16 @@ def _document(path: Path) -> dict[str, Any]:
 
 
 def _overridden(base: ParameterSet, document: Mapping[str, Any], label: str, file: str) -> ParameterSet:
-    """Return `base` with the entries of a document; the whole set is checked if each entry is sound.
+    """Return `base` with the entries of a document; the whole set is checked if each entry is valid.
 
-    A user's file may contain parameters of other actuators; a program may not set them.
+    A user's file may contain parameters of other actuators, a program may not. Raises ParameterError.
     """
     known = (known_names if file else declared_names)(base.model)
     entries, problems = read_entries(document, label, file, "user", known)
     if file:
         _follow(entries, problems, label, base)
-    have = {e.variable.name for e in base.entries}
-    unused = tuple(name for name in entries if name not in have)
+    names = {e.variable.name for e in base.entries}
+    unused = tuple(name for name in entries if name not in names)
     if problems:
         raise ParameterError(problems)
     chosen = _checked(tuple(entries.get(e.variable.name, e) for e in base.entries), base.model, label)
@@ -325,40 +332,40 @@ def _checked(entries: tuple[Entry, ...], model: str, label: str) -> ParameterSet
 
 
 def _follow(entries: dict[str, Entry], problems: list[str], label: str, base: ParameterSet) -> None:
-    """Add one of two equal parameters to a file's entries if this file, and those before it, set only the other."""
+    """Add one of two equal parameters to a file's entries if this file and those before it set only the other."""
     variables = {v.name: v for v in base.actuator.parameters}
-    before = {e.variable.name: e for e in base.entries}
+    present = {e.variable.name: e for e in base.entries}
     shipped = {e.variable.name: e for e in _defaults(base.model).entries}
     for pair in base.actuator.equal_parameters:
         for leader, name in (pair, pair[::-1]):
             text = f"as {leader}"
-            follows = before[name] == shipped[name] or before[name].text == text
+            follows = present[name] == shipped[name] or present[name].text == text
             if leader not in entries or name in entries or not follows:
                 continue
             value, variable = entries[leader].value, variables[name]
             if value < variable.minimum:
                 problems.append(f"{label}: {leader} = {entries[leader].text}: {name}, which follows from it, must be "
-                                f"at least {variable.minimum:.6g} {variable.unit}; set that too")
+                                f"at least {variable.minimum:.6g} {variable.unit}; set {name} too")
             note = f"Follows from {leader}, to which it is equal in SI units; the file does not set it."
             entries[name] = Entry(variable, value, text, "derived", note, entries[leader].file)
             break
 
 
 def _apart(one: Entry, other: Entry) -> str:
-    """Return a warning if two parameters that should be equal in SI units are far apart; otherwise nothing."""
+    """Return a warning if two parameters that should be equal in SI units differ by more than _APART; otherwise ""."""
     low, high = sorted((one.value, other.value))
     if high <= _APART * low:
         return ""
     return (f"{one.variable.name} = {one.text} and {other.variable.name} = {other.text} are {one.value:.6g} and "
-            f"{other.value:.6g} in SI units, where they are equal for one motor: check rms or peak, phase or "
+            f"{other.value:.6g} in SI units, where both are equal for a motor: check rms or peak, phase or "
             "line to line; or set only one in a file, and the other follows")
 
 
 def write_parameters(parameters: ParameterSet, path: Path, comments: Iterable[str]) -> None:
-    """Write a parameter file, below comment lines, with all values that differ from the model's default set.
+    """Write a parameter file: `comments`, then all values that differ from the model's default set.
 
-    Comments name the records of identified values. Values are in the variables' units, with source and note. The file
-    loads as the same set. Raises EmcasError.
+    Comments also name the records of identified values. Values are in the variables' units, with source and note. The
+    set is the same if it is loaded from the file. Raises EmcasError if the file cannot be written.
     """
     shipped = {e.variable.name: e for e in load_parameters(model=parameters.model).entries}
     lines = [*(f"# {comment}" for comment in (*comments, *(r.comment for r in parameters.measured))), ""]

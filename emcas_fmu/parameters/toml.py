@@ -1,4 +1,4 @@
-"""TOML: the standard library's reader, or its backport for Python 3.10, under one name, and lines to write."""
+"""TOML: the standard library's reader or, for Python 3.10, its backport, and functions that return lines to write."""
 
 import json
 import re
@@ -29,7 +29,7 @@ def value(written: Any) -> str:
 
 
 def entry(name: str, written: Any) -> str:
-    """Return the line of a key, quoted where it needs to be, and its value."""
+    """Return the line of a key, quoted if necessary, and its value."""
     return f"{name if _BARE.fullmatch(name) else value(name)} = {value(written)}"
 
 

@@ -1,1 +1,1 @@
-"""What every part of the package uses and is not about actuators: files, progress, arguments, optional packages."""
+"""Functions for every part of the package, not about actuators: files, progress, arguments, optional packages."""

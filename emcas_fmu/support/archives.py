@@ -1,4 +1,4 @@
-"""Reading of ZIP archives from unknown sources, FMUs and SSPs: checked, and no larger than memory allows."""
+"""Reading of ZIP archives from unknown sources, FMUs and SSPs: names, sizes and compression are checked first."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from pathlib import Path
 
 from ..errors import EmcasError, unreadable
 
-# Limits of an archive. One of this package's FMUs for five platforms, with references, has 50 files and 2 MB,
-# compressed to a third; FMUs of others with tables and documentation are up to a hundred times larger.
+# Limits of an archive. An FMU of this package for five platforms, with references, has 50 files and 2 MB, compressed to
+# a third; other FMUs, with tables and documentation, are up to a hundred times larger.
 MOST_ENTRIES = 10_000
-MOST_BYTES = 1 << 30  # unpacked
+MOST_BYTES = 1 << 30  # of all entries, unpacked
 MOST_RATIO = 50  # of unpacked to packed size; text reaches 20
-SMALL = 16 << 20  # bytes up to which any ratio is allowed
-MOST_XML = 32 << 20  # bytes of all documents; parsed they need ten times as much memory
+SMALL = 16 << 20  # unpacked bytes up to which any ratio is allowed
+MOST_XML = 32 << 20  # bytes of all XML documents, which need ten times as much memory when parsed
 MOST_FOLDERS = 16  # inside each other
 _XML = (".xml", ".ssd", ".ssv", ".ssm", ".ssb")
 _ENCRYPTED = 0x1
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-# Names that lead out of the folder where an archive is unpacked, or that a system interprets in another way.
+# Names that lead out of the folder where an archive is unpacked, or that an operating system interprets differently.
 _UNSOUND = re.compile(r"/|.*[\\:\x00-\x1f\x7f]|(.*/)?\.\.(/|$)", re.DOTALL)
 
 
@@ -32,8 +32,8 @@ def reading(source: Path | bytes, name: str, what: str, error: type[EmcasError] 
             ) -> Iterator[zipfile.ZipFile]:
     """Open an archive, from a file or its bytes, and check names, sizes, number and compression of its entries.
 
-    `name` is the file's name and `what` the expected kind, such as "an FMU". Raises `error` if it is not an archive,
-    not sound, or damaged where it is read; EmcasError if the file cannot be opened.
+    `name` is the file's name and `what` the expected kind, such as "an FMU", for messages. Raises `error` if the file
+    is not a ZIP archive, fails a check, or is damaged where it is read; EmcasError if it cannot be opened.
     """
     try:
         archive = zipfile.ZipFile(source if isinstance(source, Path) else BytesIO(source))
@@ -43,7 +43,7 @@ def reading(source: Path | bytes, name: str, what: str, error: type[EmcasError] 
         raise EmcasError(unreadable(name, cause)) from cause
     with archive:
         if problem := _problem(archive, len(source) if isinstance(source, bytes) else source.stat().st_size):
-            raise error(f"{name}: is not unpacked: {problem}; have {what} made again")
+            raise error(f"{name}: is not unpacked: {problem}; create {what} again")
         try:
             yield archive
         except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, OSError) as damage:
@@ -51,20 +51,21 @@ def reading(source: Path | bytes, name: str, what: str, error: type[EmcasError] 
 
 
 def _problem(archive: zipfile.ZipFile, size: int) -> str:
-    """Return the problem of an archive's entries; empty if they are sound. `size` is that of the archive [bytes]."""
+    """Return the problem of an archive's entries, "" if there is none; `size` is the size of the archive [bytes]."""
     entries = archive.infolist()
     total = sum(entry.file_size for entry in entries)
     if len(entries) > MOST_ENTRIES:
-        return f"it has {len(entries)} entries, and {MOST_ENTRIES} may be"
+        return f"it has {len(entries)} entries, more than {MOST_ENTRIES}"
     if total > MOST_BYTES:
-        return f"its entries are {_mb(total)} unpacked, and {_mb(MOST_BYTES)} may be"
+        return f"its entries are {_mb(total)} unpacked, more than {_mb(MOST_BYTES)}"
     if total > max(SMALL, MOST_RATIO * size):
-        return f"its entries are {_mb(total)} unpacked, {total / size:.0f} times its size, and {MOST_RATIO} may be"
+        return (f"its entries are {_mb(total)} unpacked, {total / size:.0f} times the archive's size, more than "
+                f"{MOST_RATIO} times")
     documents = sum(entry.file_size for entry in entries if entry.filename.lower().endswith(_XML))
     if documents > MOST_XML:
-        return f"its XML documents are {_mb(documents)}, and {_mb(MOST_XML)} may be"
+        return f"its XML documents are {_mb(documents)}, more than {_mb(MOST_XML)}"
     tests: tuple[tuple[Callable[[zipfile.ZipInfo], object], str], ...] = (
-        # In its `filename` ZipInfo has cut the name at a zero byte and replaced separators of Windows.
+        # ZipInfo.filename is cut at a zero byte, and Windows's separators in it are replaced.
         (lambda e: _UNSOUND.match(e.orig_filename), "has a name that is not a path inside the archive"),
         (lambda e: e.filename.count("/") > MOST_FOLDERS, f"is in more than {MOST_FOLDERS} folders inside each other"),
         (lambda e: e.flag_bits & _ENCRYPTED, "is encrypted"),

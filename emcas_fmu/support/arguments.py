@@ -1,4 +1,4 @@
-"""Checks of the Python interface's arguments by their annotations: a wrong argument raises an EmcasError."""
+"""Checks of the arguments of the Python interface by their annotations: a wrong argument raises an EmcasError."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from ..errors import ArgumentError, EmcasError, in_words
 T = TypeVar("T", bound=Callable[..., Any])
 Test = Callable[[Any], bool]
 
-# How messages describe annotations; other classes are described by their names.
+# Words of messages for annotations; other classes are described by their names.
 _WORDS = {"bool": "True or False", "int": "a whole number", "float": "a finite number", "str": "text", "Path": "a path",
           "NoneType": "None", "Callable": "a function", "ndarray": "numbers",
           "ParameterSet": "a parameter set (load_parameters() reads one from a file)",
           "Excitation": "one of emcas_fmu.excitations, such as excitations.reference_case('step_plus10')"}
-_MOST: Any = sys.float_info.max  # an int may be beyond it
+_MOST: Any = sys.float_info.max  # an int may be larger
 _brief = reprlib.Repr()
 _brief.maxstring = _brief.maxother = 60
 
@@ -33,9 +33,9 @@ _brief.maxstring = _brief.maxother = 60
 def checked(target: T) -> T:
     """Return a function, or a class with its public methods, that first checks arguments by their annotations.
 
-    A `float` must be finite, text must have no zero byte and an encoding, an array must consist of numbers, finite or
+    A `float` must be finite, text must have no zero byte and be encodable, an array must consist of numbers, finite or
     not; each element of a collection is checked. A wrong argument raises ArgumentError with its name, its value and
-    the expected kind; a file that cannot be used raises EmcasError.
+    the expected type; a file that cannot be used raises EmcasError.
     """
     if isinstance(target, type):
         for name, member in list(vars(target).items()):
@@ -76,7 +76,7 @@ class _Tests:
         self.positional = [p.name for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
 
     def accepts(self, name: str, value: Any) -> bool:
-        """Return whether an argument is of the expected kind; an unknown one without ``**`` is Python's to refuse."""
+        """Return whether an argument has the expected type; an unknown argument is left to Python, which refuses it."""
         test = self._tests.get(name if name != self._rest and name in self._tests else self._rest)
         return test is None or test(value)
 
@@ -92,7 +92,7 @@ def brief(value: Any) -> str:
 
 
 class _Names(dict[str, Any]):
-    """Names in annotations; a class that is imported for type checking only is known by its name."""
+    """Names in annotations; a class that is imported for type checking only is replaced by :class:`_ByName`."""
 
     def __missing__(self, name: str) -> type:
         return getattr(builtins, name, None) or _ByName(name, (), {})
@@ -125,7 +125,7 @@ def _test(kind: Any) -> Test | None:
 
 
 def _elements(origin: Any, of: list[Test | None], length: int | None) -> Test:
-    """Return the test of a collection or mapping and its elements; an array may be a row of numbers, text may not."""
+    """Return the test of a collection or mapping and its elements; an array is a row of numbers, text is not a row."""
     def test(value: Any) -> bool:
         if hasattr(value, "ndim"):
             return of == [_is_finite] and value.ndim == 1 and all(map(_is_finite, value))

@@ -1,4 +1,4 @@
-"""A bound of the time of code that may not end by itself."""
+"""A time limit for code that may not end by itself."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from contextlib import contextmanager
 
 
 class Endless(BaseException):
-    """The time is over; no `except Exception` of the code keeps it from ending."""
+    """The time limit is over; not an Exception, so that `except Exception` in the code does not catch it."""
 
 
 @contextmanager
 def bounded(seconds: float) -> Iterator[None]:
-    """Raise Endless in the block, where it is then, if it lasts longer than this time [s].
+    """Raise Endless in the block, at the line that is being executed, if it lasts longer than this time [s].
 
-    Another thread waits for that, so that the code is not slower. A call of C code, such as time.sleep, ends first.
+    Another thread waits, so that the code is not slower. A call of C code, such as time.sleep, is not interrupted.
     """
     thread, lock, running = threading.get_ident(), threading.Lock(), [True]
 

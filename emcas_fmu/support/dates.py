@@ -1,4 +1,4 @@
-"""Dates in generated files: today's, or that of SOURCE_DATE_EPOCH (reproducible-builds.org)."""
+"""Dates in generated files: today's date, or that in SOURCE_DATE_EPOCH (reproducible-builds.org)."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from ..errors import EmcasError
 
 
 def today() -> str:
-    """Return the date (UTC) for generated files. Raises EmcasError if SOURCE_DATE_EPOCH is not a number."""
+    """Return the date (UTC) for generated files. Raises EmcasError if SOURCE_DATE_EPOCH is not a valid time [s]."""
     return (_set() or datetime.now(timezone.utc)).date().isoformat()
 
 
 def reproducible() -> str:
-    """Return the time (UTC) for files with the same bytes on any day: that of the version. Raises the same."""
+    """Return the time (UTC) for files with the same bytes on any day: SOURCE_DATE_EPOCH, or the version's date.
+
+    Raises EmcasError if SOURCE_DATE_EPOCH is not a valid time [s].
+    """
     at = _set() or datetime.fromisoformat(__date__)
     return at.strftime("%Y-%m-%dT%H:%M:%SZ")
 
@@ -25,4 +28,5 @@ def _set() -> datetime | None:
     try:
         return datetime.fromtimestamp(int(epoch), timezone.utc) if epoch else None
     except (OverflowError, ValueError, OSError) as error:
-        raise EmcasError(f"SOURCE_DATE_EPOCH={epoch}: expected seconds since 1970") from error
+        raise EmcasError(f"SOURCE_DATE_EPOCH={epoch}: expected seconds since 1970; set or remove this environment "
+                         "variable") from error

@@ -8,7 +8,7 @@ from ..errors import EmcasError
 
 
 def absent(extra: str, what: str, *modules: str) -> str:
-    """Return a message with what to install if a module of an extra is missing; empty if none is."""
+    """Return the message of :func:`require` if a module is missing or cannot be loaded; otherwise ""."""
     try:
         require(extra, what, *modules)
     except EmcasError as error:
@@ -17,9 +17,9 @@ def absent(extra: str, what: str, *modules: str) -> str:
 
 
 def require(extra: str, what: str, *modules: str) -> None:
-    """Import the modules of an extra, or packages by their names if `extra` is empty.
+    """Import the modules of an extra or, if `extra` is empty, packages by their names.
 
-    Raises EmcasError with what to install if one is missing, and with the reason if one cannot be loaded.
+    Raises EmcasError, whose message begins with `what`, if a module is missing or cannot be loaded.
     """
     for module in modules:
         try:
@@ -30,5 +30,5 @@ def require(extra: str, what: str, *modules: str) -> None:
                              f"pip install {install}") from error
         except (ImportError, MemoryError, OSError) as error:
             reason = " ".join(str(error).split()) or "there is not enough memory"
-            raise EmcasError(f"{what} the Python package {module}, which is there and cannot be loaded: {reason}; free "
-                             "some memory, or install it again") from error
+            raise EmcasError(f"{what} the Python package {module}, which is installed but cannot be loaded: {reason}; "
+                             "free some memory, or install it again") from error

@@ -18,9 +18,9 @@ _LIBRARY = 2_000_000  # bytes: a compiled library is smaller
 
 
 def models_directory() -> Path:
-    """Return the folder of parameter sets: inside the package if installed, beside it in a checkout.
+    """Return the folder of parameter sets: inside the package if it is installed, beside it in a checkout.
 
-    Raises FileNotFoundError naming the missing file and both folders.
+    Raises FileNotFoundError if emcas.toml is in neither.
     """
     package = Path(__file__).resolve().parents[1]
     folders = (package / "models", package.parent / "models")
@@ -28,7 +28,7 @@ def models_directory() -> Path:
         if (folder / "emcas.toml").is_file():
             return folder
     raise FileNotFoundError("the default parameter file emcas.toml is missing: "
-                            f"looked in {folders[0]} and {folders[1]}")
+                            f"looked in {folders[0]} and {folders[1]}; install the package again")
 
 
 def named_sets() -> dict[str, Path]:
@@ -37,14 +37,14 @@ def named_sets() -> dict[str, Path]:
 
 
 def described_sets() -> dict[str, str]:
-    """Return the first paragraph of each shipped set's file, a comment that describes it, by the set's name."""
+    """Return the descriptions of the shipped sets, the first comment in each file, by the sets' names."""
     lines = {name: path.read_text(encoding="utf-8").splitlines() for name, path in named_sets().items()}
     return {name: " ".join(line[2:] for line in takewhile(lambda line: line.startswith("# "), each))
             for name, each in lines.items()}
 
 
 def as_given(file: Path | str) -> str:
-    """Return a file as a user names it: the name of a shipped set, otherwise its path unchanged."""
+    """Return the name by which a user passes a file: that of a shipped set, otherwise the path unchanged."""
     return next((name for name, path in named_sets().items() if path == Path(file)), str(file))
 
 
@@ -52,8 +52,8 @@ def as_given(file: Path | str) -> str:
 def cache_directory() -> Path:
     """Return a folder for compiled libraries: the user's cache, or a private folder for temporary files.
 
-    Files in it are executed, so a folder that others may write to or replace is not used. A fallback is announced.
-    Raises OSError if neither can be used.
+    Files in it are executed: a folder that others may write to or replace is not used. The use of the private folder is
+    announced. Raises OSError if neither folder can be used.
     """
     mine = Path(tempfile.gettempdir()) / f"emcas-{os.getuid() if hasattr(os, 'getuid') else 'cache'}"
     try:
@@ -65,10 +65,13 @@ def cache_directory() -> Path:
 
 
 def _private(folder: Path) -> Path:
-    """Return a folder, created if necessary, that only the user may write to and that has room. Raises OSError."""
+    """Return a folder, created if necessary, that only the user may write to and that has room.
+
+    Raises OSError if there is no such folder.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        folder = folder.resolve()  # a link on the way to it may be another's
+        folder = folder.resolve()  # its path may contain another user's link
         if hasattr(os, "getuid"):  # other systems give each user a private folder
             _refuse_shared(folder)
         with tempfile.TemporaryFile(dir=folder) as probe:
@@ -81,7 +84,7 @@ def _private(folder: Path) -> Path:
 
 
 def _refuse_shared(folder: Path) -> None:
-    """Raise OSError for a folder that another user may write to or replace; remove other users' rights to it."""
+    """Raise OSError for a folder that another user may write to or replace; otherwise remove other users' rights."""
     user, mode = os.getuid(), folder.stat().st_mode
     # In a container some users may be unknown; the owner of the root folder is the administrator.
     trusted = {user, 0, Path(folder.anchor).stat().st_uid}
@@ -91,11 +94,11 @@ def _refuse_shared(folder: Path) -> None:
     elif mode & (stat.S_IWGRP | stat.S_IWOTH):
         reason = f"others may write to it (mode {stat.S_IMODE(mode):04o}), remove it"
     for parent in folder.parents:
-        found = parent.stat()
-        if found.st_uid not in trusted:
+        status = parent.stat()
+        if status.st_uid not in trusted:
             reason = reason or f"{parent} belongs to another user"
-        elif found.st_mode & stat.S_IWOTH and not found.st_mode & stat.S_ISVTX:
-            reason = reason or f"anybody may replace it, since {parent} has mode {stat.S_IMODE(found.st_mode):04o}"
+        elif status.st_mode & stat.S_IWOTH and not status.st_mode & stat.S_ISVTX:
+            reason = reason or f"anybody may replace it, since {parent} has mode {stat.S_IMODE(status.st_mode):04o}"
     if reason:
         raise OSError(f"{folder}: not used for compiled libraries: {reason}")
     folder.chmod(0o700)

@@ -1,6 +1,6 @@
 """Writing of files: each is written beside its path, flushed to the disk, and moved to the path.
 
-If writing is interrupted, or the disk is full, the path has the whole new file or the old one. No other module of the
+If writing is interrupted, or the disk is full, the whole new file or the old one is at the path. No other module of the
 package opens a file for writing.
 """
 
@@ -24,14 +24,14 @@ PARTIAL = ".partial"
 """Suffix of a file while it is written; such a file remains only if the process is killed."""
 
 _BLOCK = 4096  # bytes; a file occupies one block or more
-_SHOWN = 40  # letters of a file's name in its partial file, whose name is so never too long
+_SHOWN = 40  # letters of a file's name in that of its partial file, which is thus never too long
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date a ZIP archive can hold
 
 
 def write(path: Path | str, content: str | bytes) -> int:
     """Write a file, whole or not at all, and return its size [bytes]; text is in UTF-8, with its line ends unchanged.
 
-    Raises EmcasError with the remedy.
+    Raises EmcasError if it cannot be written.
     """
     with whole(path) as file:
         return file.write(_bytes(content))
@@ -40,8 +40,8 @@ def write(path: Path | str, content: str | bytes) -> int:
 def write_folder(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:
     """Write files that belong together into a folder, which is created if necessary; return their paths.
 
-    They are moved to their paths, in their order, when all are on the disk; Ctrl-C is delayed meanwhile. Raises
-    EmcasError with the remedy.
+    When all files are on the disk they are moved to their paths, in their order; Ctrl-C is delayed meanwhile. Raises
+    EmcasError if one cannot be written.
     """
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -57,7 +57,7 @@ def write_folder(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path
 def whole(path: Path | str) -> Iterator[BinaryIO]:
     """Yield a file to write to; it is moved to its path when the block ends, and removed if the block raises.
 
-    Raises EmcasError with the remedy.
+    Raises EmcasError if it cannot be written.
     """
     with _beside([Path(path)]) as (file,), writing(path):
         yield file
@@ -66,7 +66,7 @@ def whole(path: Path | str) -> Iterator[BinaryIO]:
 def append(path: Path, text: str) -> None:
     """Append text to a file, all of it or nothing: for journals, and for summaries of several steps.
 
-    Raises EmcasError with the remedy.
+    Raises EmcasError if it cannot be written.
     """
     with writing(path), path.open("ab", buffering=0) as file:
         regular = stat.S_ISREG(os.fstat(file.fileno()).st_mode)
@@ -84,10 +84,10 @@ def append(path: Path, text: str) -> None:
 
 
 def write_zip(contents: Mapping[str, bytes], target: Path, order: Callable[[str], Any], executable: str = "") -> None:
-    """Write files to a ZIP archive; the same contents give the same bytes.
+    """Write files to a ZIP archive; equal contents result in equal bytes.
 
-    `order` is the sort key of their names; files whose names begin with `executable` get the right to be executed.
-    Raises EmcasError with the remedy.
+    `order(name)` is the sort key of the files; those whose names begin with `executable` get the right to be executed.
+    Raises EmcasError if the archive cannot be written.
     """
     with whole(target) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
         for name in sorted(contents, key=order):
@@ -107,7 +107,7 @@ def check_target(path: Path, ending: str, error: type[EmcasError]) -> None:
 
 
 def try_file(path: Path) -> None:
-    """Raise EmcasError with the remedy if a file could not be written; change nothing."""
+    """Raise EmcasError if a file could not be written; change nothing."""
     with writing(path):
         file = _Beside(path)
         try:
@@ -118,7 +118,7 @@ def try_file(path: Path) -> None:
 
 
 def try_folder(folder: Path, made: Path | None = None) -> None:
-    """Raise EmcasError with the remedy if a folder, or one to be `made` inside it, could not be written to."""
+    """Raise EmcasError if a folder could not be written to; the message names `made`, a folder to be created in it."""
     with writing(made or folder), TemporaryFile(dir=folder) as file:
         _try_block(file)
 
@@ -128,7 +128,7 @@ def _bytes(content: str | bytes) -> bytes:
 
 
 def _try_block(file: IO[bytes]) -> None:
-    """Write one block; a disk without room for it is full."""
+    """Write one block to a file, to see whether the disk is full. Raises OSError."""
     file.write(bytes(_BLOCK))
     file.flush()
     os.fsync(file.fileno())
@@ -137,7 +137,7 @@ def _try_block(file: IO[bytes]) -> None:
 class _Beside:
     """A file that is written beside its path; a terminal, pipe or device is written to directly.
 
-    Raises OSError if the path cannot be written.
+    Raises OSError if it cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -153,13 +153,13 @@ class _Beside:
             self.opened = path.open("wb")
         else:
             if self._replaced:
-                os.close(os.open(self.target, os.O_WRONLY))  # a file without the right to write is not replaced either
+                os.close(os.open(self.target, os.O_WRONLY))  # a file that may not be written is not replaced either
             partial = self.target.with_name(f".{self.target.name[:_SHOWN]}.{secrets.token_hex(6)}{PARTIAL}")
             self.opened = partial.open("xb")  # with the rights of any new file in this folder
             self.partial = partial
 
     def finish(self) -> None:
-        """Flush it to the disk and close it. Raises OSError."""
+        """Flush the file to the disk and close it. Raises OSError."""
         self.opened.flush()
         if self.partial:
             if self._replaced:
@@ -168,13 +168,13 @@ class _Beside:
         self.opened.close()
 
     def move(self) -> None:
-        """Move it to its path. Raises OSError."""
+        """Move the file to its path. Raises OSError."""
         if self.partial:
             self.partial.replace(self.target)
             self.partial = None
 
     def discard(self) -> None:
-        """Close it, and remove it if it has not been moved."""
+        """Close the file, and remove it if it has not been moved."""
         with suppress(OSError):
             self.opened.close()
         if self.partial:
@@ -204,9 +204,9 @@ def _beside(paths: Iterable[Path]) -> Iterator[list[BinaryIO]]:
 
 
 def _standard_stream(file: os.stat_result) -> int | None:
-    """Return a new descriptor of standard output or error if that is this file, such as /dev/stdout, else None.
+    """Return a new descriptor of standard output or error if `file` is one of them, such as /dev/stdout, else None.
 
-    The shell has opened that file; one that replaces it would not be redirected.
+    The shell has opened that file: output would not be redirected to a file that replaces it.
     """
     for stream, number in ((sys.stdout, 1), (sys.stderr, 2)):
         with suppress(OSError):
@@ -218,7 +218,7 @@ def _standard_stream(file: os.stat_result) -> int | None:
 
 
 def _keep_rights(partial: Path, replaced: os.stat_result) -> None:
-    """Give a file the owner, where that is allowed, and the rights of the file that it replaces."""
+    """Set the rights of a file, and its owner if that is allowed, to those of the file that it replaces."""
     if hasattr(os, "chown"):
         with suppress(OSError):
             os.chown(partial, replaced.st_uid, replaced.st_gid)

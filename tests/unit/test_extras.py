@@ -53,7 +53,7 @@ def test_a_package_that_cannot_be_loaded_is_not_called_missing(raised: str, said
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(EmcasError) as error:
         extras.require("campaign", "campaigns need", "heavy_package")
-    assert "heavy_package, which is there and cannot be loaded: " in str(error.value)
+    assert "heavy_package, which is installed but cannot be loaded: " in str(error.value)
     assert said in str(error.value)
     assert "pip install" not in str(error.value)
     assert "\n" not in str(error.value)

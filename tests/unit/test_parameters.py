@@ -244,7 +244,7 @@ def test_a_program_changes_what_it_names_alone() -> None:
 def test_a_torque_constant_cannot_follow_to_zero(load: Load) -> None:
     (problem,) = problems(load, 'motor.back_emf_constant = "0 V*s/rad"')
     for fragment in ("mine.toml: motor.back_emf_constant = 0 V*s/rad", "motor.torque_constant", "1e-06 N.m/A",
-                     "set that too"):
+                     "set motor.torque_constant too"):
         assert fragment in problem
     both = load('motor.back_emf_constant = "0 V*s/rad"\nmotor.torque_constant = "0.1 N*m/A"')
     assert len(both.warnings) == 1
@@ -254,7 +254,7 @@ def test_a_torque_constant_cannot_follow_to_zero(load: Load) -> None:
     (0.11 * 1.19, False), (0.11 * 1.21, True), (0.11 / 1.19, False), (0.11 / 1.21, True)])
 def test_constants_of_no_one_motor_are_warned_of(load: Load, back_emf: float, warned: bool) -> None:
     chosen = load(f'motor.torque_constant = "110 mN*m/A"\nmotor.back_emf_constant = "{back_emf} V*s/rad"')
-    found = [warning for warning in chosen.warnings if "for one motor" in warning]
+    found = [warning for warning in chosen.warnings if "equal for a motor" in warning]
     assert len(found) == warned
     for line in found:
         for fragment in ("motor.torque_constant = 110 mN*m/A", f"{back_emf:.6g}", "set only one"):

@@ -89,7 +89,7 @@ def test_a_file_says_what_it_is_made_for(tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match=r"mine\.toml: is made for elastic \(made_for\) and not for nonlinear"):
         load_parameters(mine)
     mine.write_text("made_for = 'elastic'\n", encoding="utf-8")
-    with pytest.raises(ParameterError, match=r"made_for = 'elastic': expected a list"):
+    with pytest.raises(ParameterError, match=r"made_for = 'elastic': write a list"):
         load_parameters(mine)
 
 

@@ -1,13 +1,13 @@
-"""Clutch actuator, dual: a motor that turns one way, two contra-rotating clutches, screw, lever and fin.
+"""Dual-clutch actuator: a motor that turns one way, two contra-rotating clutches, screw, lever and fin.
 
     J_s w' = F_1 + F_2 - C_s sgn w - b_s w + T/n     J_m m' = K_t i_m - C_m sgn m - b_m m - F_1 + F_2
     F_1 = C_1 sgn(m - w)       F_2 = -C_2 sgn(m + w)        i_m = max(V - K_e m, 0)/R
     i_1,ref = I_b + max(i_ref, 0)                            i_2,ref = I_b + max(-i_ref, 0)
 
-One clutch turns the screw with the motor, the other, by a gear, against it. The reference of the loops of
+One clutch turns the screw with the motor, the other, through a gear, against it. The reference of the loops of
 :mod:`emcas_fmu.control.controllers` is a net coil current, K_v u within +-I_max: for the loops the slipping clutches
 are a motor with a constant torque per ampere. A bias I_b in both coils keeps their magnets out of the dead band. The
-motor runs open loop at the supply, through a diode, with a winding without inductance. Rotor and screw are two bodies
+motor is fed by the supply through a diode, without control and inductance. Rotor and screw are two bodies
 with four dry frictions (:mod:`emcas_fmu.physics.coupled`), two of them the clutches: a clutch slips or is locked, with
 both speeds equal to the bit. Without `enable` both coils are off, and the motor keeps turning: loads and friction move
 the fin, and the residual torques of the clutches cancel. No power returns to the supply: the motor's diode blocks it,
@@ -37,28 +37,28 @@ from . import clutches, groups, interface, nonlinear
 from .nonlinear import as_built
 
 STATES = (*clutches.SCREW, State("coil_current_1", "A"), State("coil_current_2", "A"),
-          State("flux_1", "A", "as the current that holds it"), State("flux_2", "A", "as the current that holds it"),
+          State("flux_1", "A", "as the steady current for it"), State("flux_2", "A", "as the steady current for it"),
           clutches.TEMPERATURE)
-SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor and coils; never negative", 1000.0,
-                           minimum=0.0)
+SUPPLY_POWER = real_output("supply_power", "W", "electrical power from the supply to motor and coils; never negative",
+                           1000.0, minimum=0.0)
 _WAYS = ((1, "with"), (2, "against"))
 _CLUTCHES = Group((
     parameter("motor.start_speed", "rad/s", 0.0, 1e5, "motor speed at the start", display="rpm"),
     *clutches.CLUTCH.parameters,
-    *(parameter(f"clutch.share_{k}", "1", 0.0, 10.0, f"torque of the clutch that turns the screw {way} the motor, "
-                "over the rated one") for k, way in _WAYS),
-    parameter("clutch.bias_current", "A", 0.0, 1e3, "least current requested of both coils while enabled, I_b"),
-    parameter("coil.connected_1", "1", 0.0, 1.0, "share of the requested current that the coil of the clutch that "
-              "turns the screw with the motor gets (0: open)")), (
+    *(parameter(f"clutch.share_{k}", "1", 0.0, 10.0, f"ratio of the torque of the clutch that turns the screw {way} "
+                "the motor to the rated torque") for k, way in _WAYS),
+    parameter("clutch.bias_current", "A", 0.0, 1e3, "least reference of both coil currents while enabled, I_b"),
+    parameter("coil.connected_1", "1", 0.0, 1.0, "share of its reference current in the coil of the clutch that "
+              "turns the screw with the motor (0: open coil)")), (
     *(Output(real_output(f"coil_current_{k}", "A",
                          f"coil current of the clutch that turns the screw {way} the motor", 1.0)) for k, way in _WAYS),
     *(Output(real_output(f"clutch_torque_{k}", "N.m",
-                         f"torque on the screw of the clutch that turns it {way} the motor", 1.0)) for k, way in _WAYS),
-    *(Output(real_output(f"slip_power_{k}", "W", f"heat of slip of the clutch that turns the screw {way} the motor",
+                         f"torque on the screw by the clutch that turns it {way} the motor", 1.0)) for k, way in _WAYS),
+    *(Output(real_output(f"slip_power_{k}", "W", f"slip heat of the clutch that turns the screw {way} the motor",
                          1000.0, minimum=0.0)) for k, way in _WAYS),
     clutches.CLUTCH_TEMPERATURE))
 _AMPLIFIERS = Group(fin_port.described({
-    "drive.current_limit": "largest net current that is requested of both coils",
+    "drive.current_limit": "largest net reference current of both coils",
     "drive.current_gain": "net coil current demanded per volt of reference",
     "drive.current_offset": "net coil current demanded at zero reference",
     "drive.kp": "proportional gain of the coils' amplifiers",
@@ -74,15 +74,15 @@ MODULES = (coupled, clutch, kinematics, mechanics, friction, loads, sensors, con
 
 
 def _screw_side(p: Any) -> Any:
-    """Return the parameters of screw and loops: the driven halves of the clutches are the rotor, the clutches' torque
-    per ampere is the torque constant."""
+    """Return the parameters of screw and loops, with the clutches' driven halves as rotor and their torque per ampere
+    as torque constant."""
     return with_values(p, {"inertia.motor": p.clutch.driven_inertia,
                            "motor.torque_constant": clutch.torque_per_ampere(p)})
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
-    """Return the states of plant and controllers with the fin at rest, the motor at its start speed, and the bias
-    current in both coils."""
+    """Return the states of plant and controllers at rest at a fin angle, with the motor at its start speed and the
+    bias current in both coils."""
     begun = dict(nonlinear.initial(ops, _screw_side(p), start))
     angle, bias = begun.pop("motor_angle"), p.clutch.bias_current
     return {**begun, "screw_angle": angle, "motor_speed": p.motor.start_speed,
@@ -92,7 +92,7 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     """Return the reference and states of the controllers after a sample; they are held in reset while disabled."""
-    # The net current of both coils makes the torque, as a motor's current does.
+    # The net current of both coils causes the torque, as a motor's current does.
     cascade = clutches.as_cascade(x, x.coil_current_1 - x.coil_current_2)
     return nonlinear.sample(ops, _screw_side(p), cascade, inputs)
 
@@ -100,7 +100,7 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 def _coils(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[clutch.Coil, clutch.Coil]:
     """Return both coils; their current references [A] are the net one split by its sign, plus the bias."""
     net = drive.current_reference(ops, p, u.reference)
-    # |net| and not a maximum: its slope at 0 is the mean of both sides, so that linear analysis adds up both coils.
+    # |net| instead of a maximum: its slope at 0 is the mean of both sides, as linear analysis needs it.
     larger, bias = 0.5 * ops.fabs(net), p.clutch.bias_current
     first = ops.where(u.enabled, p.coil.connected_1 * (bias + (larger + 0.5 * net)), 0.0)
     second = ops.where(u.enabled, bias + (larger - 0.5 * net), 0.0)
@@ -128,7 +128,7 @@ def _bodies(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Bodies:
 
 
 def _surroundings(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value) -> Record:
-    """Return the mode without the directions of sliding, for the mechanics at a screw angle [rad]."""
+    """Return the mode at a screw angle [rad], without the directions of sliding."""
     side = _screw_side(p)
     c = mechanics.coefficients(ops, side, angle, u)
     low, high = rigid.stops(ops, p)
@@ -191,7 +191,7 @@ def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Recor
 
 
 def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
-    """Return the parameters as built, and what the outputs follow from."""
+    """Return the parameters as built, and the values from which the outputs follow."""
     p = as_built(ops, p)
     m = mode(ops, p, x, u, 0.0)
     b, supply = _bodies(ops, p, x, u, m), ops.maximum(u.supply, 0.0)
@@ -200,7 +200,7 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     for coil, coil_current in zip(m.coils, (x.coil_current_1, x.coil_current_2), strict=True):
         power = power + coil.power(ops, p, coil_current)
         limited = ops.either(limited, ops.negate(ops.equal(coil.side, 0.0)))
-    # While everything is at rest friction is not determined: the output is within the clutch's torque.
+    # With both bodies at rest the friction torques are not unique: the outputs are limited to the clutches' torques.
     torques = [ops.clip(torque, -dry.low, dry.high)
                for torque, dry in zip(coupled.friction_torques(ops, b, m.signs), b.dry, strict=True)]
     slip_power_1, slip_power_2 = _slip_powers(ops, b, m.signs, x)
@@ -214,21 +214,21 @@ _POWER = Group(outputs=(Output(SUPPLY_POWER),), terminal="", provides=(capabilit
 COMPOSITION = interface.composed(
     moment, *clutches.SCREW_SIDE,
     groups.HINGE.reworded({"DAC, current or voltage": "DAC or an amplifier's voltage"}), _POWER,
-    groups.DELAY.reworded({"current reference": "the requested coil current"}), _AMPLIFIERS, clutches.FRICTION,
+    groups.DELAY.reworded({"current reference": "the reference of the coil current"}), _AMPLIFIERS, clutches.FRICTION,
     _CLUTCHES)
 ACTUATOR = Actuator(
     **COMPOSITION.declared(motor="motor, clutches and screw"),
     name="clutch",
     title="clutch actuator: motor that turns one way, two contra-rotating clutches, ball screw, lever and fin",
-    origin="Section 1.1.1.2 of the thesis of Yerlikaya (2016) names a clutch, in words: this form of it, two clutches "
-           "on a motor that turns one way, and every number are engineering estimates.",
+    origin="Section 1.1.1.2 of the thesis of Yerlikaya (2016) mentions an actuator with a clutch, without equations. "
+           "This form, two clutches on a motor that turns one way, and every number are engineering estimates.",
     states=STATES,
     controller_states=interface.CONTROLLER,
     encoder=("screw_angle", "screw_speed"),
     controllers_read=("screw_speed", "coil_current_1", "coil_current_2"),
     supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER),
     descriptions={**interface.INPUT_DESCRIPTIONS,
-                  "enable": "false: both clutches are open, and the motor keeps turning"},
+                  "enable": "false switches both clutches off; the motor keeps turning"},
     faults=FAULTS,
     equal_parameters=interface.EQUAL,
     as_built=as_built,

@@ -1,4 +1,4 @@
-"""What the actuators with electromagnetic clutches between motor and screw share: groups, faults, stops."""
+"""Groups, faults and stops of the actuators with electromagnetic clutches between motor and screw."""
 
 from __future__ import annotations
 
@@ -19,44 +19,45 @@ SHAFT = Group(outputs=(
     Output(real_output("screw_angle", "rad", "screw angle", 10.0)),
     Output(real_output("screw_speed", "rad/s", "screw speed", 100.0, display="rpm"))))
 CLUTCH_TEMPERATURE = Output(real_output("clutch_temperature", "degC", "temperature of the slipping surfaces", 100.0))
-# Behind the clutches: the groups of screw and fin, with loops that control the screw.
+# The groups behind the clutches: screw and fin, with loops that control the screw.
 _AT_SCREW = {"motor": "screw"}
 SCREW_SIDE = (
     groups.LEVER, replace(groups.COULOMB, provides=()).reworded(_AT_SCREW), groups.ENCODER.reworded(_AT_SCREW),
     groups.SCREW, *groups.LOOPS, groups.VISCOUS.reworded(_AT_SCREW), groups.HINGE_FRICTION, SHAFT, groups.MOTOR,
     groups.COMPENSATION)
 FRICTION = Group((
-    parameter("motor.coulomb_friction", "N.m", 0.0, 10.0, "dry friction of the motor's side"),
-    parameter("motor.viscous_friction", "N.m.s/rad", 0.0, 10.0, "viscous friction of the motor's side")))
+    parameter("motor.coulomb_friction", "N.m", 0.0, 10.0, "dry friction on the motor's side of the clutch"),
+    parameter("motor.viscous_friction", "N.m.s/rad", 0.0, 10.0, "viscous friction on the motor's side of the clutch")))
 CLUTCH = Group((
     parameter("clutch.rated_torque", "N.m", 1e-6, 1e4, "torque at which a clutch slips at its rated current, T_r",
               sheet="clutch: rated torque"),
     parameter("clutch.rated_current", "A", 1e-6, 1e3, "coil current for the rated torque, I_r",
               sheet="clutch: rated coil current"),
-    parameter("clutch.residual", "1", 0.0, 0.99, "share of the rated torque that is left without current, r"),
+    parameter("clutch.residual", "1", 0.0, 0.99, "share of the rated torque that remains without current, r"),
     parameter("clutch.eddy_time", "s", 1e-6, 10.0, "time constant of eddy currents, t_e", display="ms"),
     parameter("clutch.driving_inertia", "kg.m2", 0.0, 10.0, "inertia of the driving side without the rotor",
               sheet="clutch: inertia of the driving side, with the gear"),
     parameter("clutch.driven_inertia", "kg.m2", 0.0, 10.0, "inertia of the driven side without the screw",
               sheet="clutch: inertia of the driven side"),
     parameter("clutch.temperature_coefficient", "1/K", -0.1, 0.1, "relative rise of the torque with temperature, a"),
-    parameter("clutch.reference_temperature", "degC", -100.0, 1e3, "temperature of the rated torque, T_0"),
-    parameter("clutch.heat_capacity", "J/K", 1e-3, 1e6, "heat capacity of the parts that slip, C_th"),
-    parameter("clutch.thermal_resistance", "K/W", 1e-6, 1e6, "thermal resistance from there to the ambient, R_th"),
+    parameter("clutch.reference_temperature", "degC", -100.0, 1e3, "temperature for which the rated torque holds, T_0"),
+    parameter("clutch.heat_capacity", "J/K", 1e-3, 1e6, "heat capacity of the slipping parts, C_th"),
+    parameter("clutch.thermal_resistance", "K/W", 1e-6, 1e6,
+              "thermal resistance from the slipping parts to the ambient, R_th"),
     parameter("coil.resistance", "Ohm", 1e-6, 1e6, "coil resistance",
               sheet="clutch: coil resistance"),
     parameter("coil.inductance", "H", 1e-7, 1e3, "coil inductance",
               sheet="clutch: coil inductance"),
-    parameter("coil.suppression_voltage", "V", 0.0, 1e4, "voltage of the suppressor of a coil's energy, V_c",
+    parameter("coil.suppression_voltage", "V", 0.0, 1e4, "clamping voltage of the coil's suppressor, V_c",
               sheet="drive: clamping voltage of the coil's suppressor")))
-_BLOCKED = 1e6  # N.m, of dry friction
+_BLOCKED = 1e6  # N.m: dry friction that no torque overcomes
 
 
 def faults(jammed: str, opened: tuple[str, str], shares: tuple[str, ...]) -> tuple[PlantFault, ...]:
     """Return the faults of all actuators with clutches.
 
-    `jammed` describes the motor behind a blocked screw; `opened` is the parameter that an open coil sets to 0,
-    with the clutch of that coil; `shares` are the parameters of the clutches' torque.
+    `jammed` describes the effect of a blocked screw; `opened` contains the parameter that an open coil sets to 0 and
+    the name of its clutch; `shares` are the parameters of the clutches' torque.
     """
     def shorted(ops: Ops, p: Any, amounts: Any) -> Mapping[str, Value]:
         return {"coil.resistance": amounts.share * p.coil.resistance,
@@ -67,18 +68,18 @@ def faults(jammed: str, opened: tuple[str, str], shares: tuple[str, ...]) -> tup
         PlantFault("jam", f"the screw is blocked; {jammed}", lambda ops, p, amounts: {
             "friction.fin_coulomb": _BLOCKED}),
         PlantFault("drag", "an open clutch drags", lambda ops, p, amounts: {"clutch.residual": amounts.share}, (
-            tunable("share", "1", 0.0, 0.9, "of the rated torque that is left without current"),)),
+            tunable("share", "1", 0.0, 0.9, "share of the rated torque that remains without current"),)),
         PlantFault.scaling("powder_loss", "friction surfaces are permanently worn, or powder is lost",
-                           tunable("share", "1", 0.0, 1.0, "of the torque that is left"), *shares, lasting=True),
-        PlantFault("coil_open", f"the coil of {opened[1]} is open: its residual torque is left",
+                           tunable("share", "1", 0.0, 1.0, "share of the torque that is left"), *shares, lasting=True),
+        PlantFault("coil_open", f"the coil of {opened[1]} is open: only the residual torque is left",
                    lambda ops, p, amounts: {opened[0]: 0.0}),
         PlantFault("coil_short", "turns of every coil are shorted", shorted, (
-            tunable("share", "1", 0.05, 1.0, "of the turns that are left"),)),
+            tunable("share", "1", 0.05, 1.0, "share of the turns that are left"),)),
         PlantFault("overheating", "clutches lose torque as they heat", lambda ops, p, amounts: {
             "clutch.temperature_coefficient": -amounts.slope,
             "clutch.heat_capacity": amounts.capacity * p.clutch.heat_capacity}, (
                 tunable("slope", "1/K", 0.0, 0.1, "relative fall of the torque with temperature"),
-                tunable("capacity", "1", 0.01, 1.0, "of the heat capacity that is effective"))),
+                tunable("capacity", "1", 0.01, 1.0, "share of the heat capacity that is effective"))),
     )
 
 
@@ -88,7 +89,7 @@ def rotor_inertia(p: Any) -> Value:
 
 
 def as_cascade(x: Record, current: Value) -> Record:
-    """Return the states as the loops know them: the screw as the motor, with a `current` [A]."""
+    """Return the states as the loops use them: those of the screw as the motor's, and a motor `current` [A]."""
     return Record(**{**vars(x), "motor_angle": x.screw_angle, "motor_speed": x.screw_speed, "motor_current": current})
 
 
@@ -101,9 +102,9 @@ def stop_margin(ops: Ops, direction: Value, stops: tuple[Value, Value], angle: V
 
 def stopped(ops: Ops, struck: Value, direction: Value, stops: tuple[Value, Value], x: Record, screw: Value,
             motor: Value) -> Values:
-    """Return screw and motor at the end of a step, from their speeds [rad/s] without a stop.
+    """Return the states of screw and motor at the end of a step, from their speeds [rad/s] without a stop.
 
-    A stop that is `struck` brings the screw to rest at once; the motor runs on, and its clutches slip.
+    If a stop is `struck`, it brings the screw to rest at once; the motor keeps its speed, and its clutches slip.
     """
     low, high = stops
     return {"screw_speed": ops.where(struck, 0.0, screw), "motor_speed": ops.where(struck, x.motor_speed, motor),

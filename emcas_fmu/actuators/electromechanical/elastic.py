@@ -32,25 +32,25 @@ FIN_SIDE = ("fin_side_angle", "fin_side_speed")
 STATES = (*interface.MOTION, *interface.DRIVE,
           State(FIN_SIDE[0], "rad", "of the fin, referred to the motor"),
           State(FIN_SIDE[1], "rad/s", "of the fin, referred to the motor"))
-_LIMPEST = 1e100  # rad/(N.m): far beyond any real part; results computed from it stay finite
+_MOST_COMPLIANT = 1e100  # rad/(N.m), far beyond any real part; results computed from it stay finite
 SHAFT = replace(groups.SHAFT, provides=()).reworded(
     {"motor angle": "angle of the rotor (indirect fin angle, by lever and screw)"})
 
 
 @rule("drive_line.fork_stiffness = %.6g, drive_line.shaft_stiffness = %.6g and drive_line.structure_stiffness = %.6g "
-      "N.m/rad: the compliance about the hinge is %.6g rad/(N.m), over 1e+100; raise the least, or give 0, which is "
-      "rigid")
+      "N.m/rad: the compliance about the hinge is %.6g rad/(N.m), more than 1e+100; raise the smallest, or set it to "
+      "0, which is rigid")
 def hinge_yields(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     line = p.drive_line
     compliance = drive_line.hinge_compliance(ops, p)
-    limp = ops.negate(compliance <= _LIMPEST)
+    limp = ops.negate(compliance <= _MOST_COMPLIANT)
     return when(ops, limp), line.fork_stiffness, line.shaft_stiffness, line.structure_stiffness, compliance
 
 
 def _group(imperfection: str, *parameters: Variable, provides: Iterable[str] = (), **absent: float) -> Group:
-    """Return a group of parameters ``drive_line``; those without a value `absent` are 0 in its absence.
+    """Return a group of parameters ``drive_line``; without the group they have the values `absent`, by default 0.
 
-    The `imperfection` is in those of 0 but for damping, which has no effect at rest.
+    The `imperfection` consists of those whose value is then 0, except damping, which has no effect at rest.
     """
     values = {f"drive_line.{v.name}": absent.get(v.name, 0.0) for v in parameters}
     return Group(in_group("drive_line", *parameters), provides=tuple(provides), absent=values, imperfections={
@@ -71,13 +71,14 @@ HINGE = _group(
     parameter("shaft_stiffness", "N.m/rad", 0.0, 1e9, "stiffness of the fin shaft in torsion (0: rigid)",
               sheet="drawing: stiffness of the fin's shaft in torsion"),
     parameter("structure_stiffness", "N.m/rad", 0.0, 1e9,
-              "stiffness about the hinge of what bears shaft and screw (0: rigid)"),
+              "stiffness about the hinge of the structure that carries shaft and screw (0: rigid)"),
     parameter("hinge_damping", "N.m.s/rad", 0.0, 1e6,
               "structural damping of fork, shaft and structure about the hinge"))
 GAP = _group(
     BACKLASH,
     parameter("backlash", "m", 0.0, 0.01,
-              "whole gap between nut and fork along the screw (0: preloaded, no contact)", sheet="screw: axial play"),
+              "whole gap between nut and fork along the screw (0: preloaded, without a gap)",
+              sheet="screw: axial play"),
     parameter("contact_stiffness", "N/m", 1e4, 1e10, "stiffness of the flanks of nut and fork"),
     parameter("contact_damping", "N.s/m", 0.0, 1e7, "damping of the flanks of nut and fork"),
     provides=(capabilities.BACKLASH,), contact_stiffness=1.0)
@@ -92,7 +93,7 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states; where there is a gap, nut and fork are in contact, as under load."""
+    """Return d/dt of the states, with nut and fork in contact, as under load."""
     p = as_built(ops, p)
 
     def as_one() -> tuple[Value, ...]:
@@ -114,7 +115,7 @@ def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
 
 
 def yielding(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-    """Return the result of :func:`step`, over `h` [s], for a drive line that is not rigid."""
+    """Return the result of :func:`step` for a drive line that is not rigid."""
     moved, used = elastic_stepper.advance(ops, as_built(ops, p), states(Pair, x), u, h)
     return moved._asdict(), used
 
@@ -134,9 +135,9 @@ def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values,
 
 
 def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
-    """Return the parameters as built, and what the outputs follow from: the fin's of the fin, the others of the motor.
+    """Return the parameters as built, and the values from which the outputs follow.
 
-    Shaft and screw twist and stretch between the motor's angle and the nut's.
+    Outputs of the fin follow from the fin's angle, that of the nut from the motor's less the deformation in between.
     """
     p = as_built(ops, p)
     voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)

@@ -1,4 +1,4 @@
-"""The groups of which electromechanical actuators are composed: parameters, rules, outputs and capabilities."""
+"""The groups from which electromechanical actuators are composed: parameters, rules, outputs and capabilities."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ HINGE = replace(
     port((*fin_port.PARAMETERS,
           parameter("friction.fin_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction about the hinge")),
          lambda ops, p, m: m.speed / kinematics.reduction_ratio(ops, p, m.tangent),
-         measured_fin_angle="fin angle the controller reads from its encoder at the last sample",
-         saturated="any limit active: command, speed, DAC, current or voltage"),
+         measured_fin_angle="fin angle that the controllers read from the encoder at the last sample",
+         saturated="a limit is active: command, speed, DAC, current or voltage"),
     provides=(capabilities.SCREW_DRIVE,), deviations=(as_built.FIN,))
 HINGE_FRICTION = Group((
     parameter("friction.fin_coulomb", "N.m", 0.0, 1e4, "Coulomb friction about the hinge",
@@ -30,25 +30,25 @@ LEVER = Group((
               sheet="drawing: lever arm, from the hinge to the axis of screw or cylinder"),
     parameter("kinematics.initial_angle", "rad", radians(-60), radians(60),
               "assembly angle of the lever at fin_angle 0",
-              sheet="drawing: angle of the lever at fin angle 0, from square to that axis")),
+              sheet="drawing: angle of the lever at fin angle 0, from the perpendicular to the axis")),
     rules=(rules.lever_angle,), deviations=(as_built.MOMENT_ARM, as_built.INITIAL_ANGLE))
 SCREW = Group((
     parameter("screw.lead", "m/rad", 1e-6, 1e-1, "screw lead per radian", sheet="screw: lead"),
     parameter("inertia.screw", "kg.m2", 0.0, 10.0, "screw inertia about its axis",
               sheet="screw: inertia about its axis, with the coupling"),
     parameter("mass.nut", "kg", 0.0, 1e3, "nut mass",
-              sheet="screw: mass of the nut, with what moves along the screw")),
+              sheet="screw: mass of the nut and of parts that move along with it")),
     (Output(real_output("nut_position", "m", "nut displacement from the assembly position", 0.01),
             lambda ops, p, m: kinematics.nut_position(ops, p, m.nut)),),
     provides=(capabilities.SCREW_AND_LEVER,), deviations=(as_built.LEAD,))
-# The motor feels the whole load of the nut: extensions may add losses.
+# The screw transmits the whole load of the nut to the motor: extensions may add losses.
 LOSSLESS = Group(provides=(capabilities.SCREW_LOAD,))
 EFFICIENCY = Group((
-    parameter("efficiency.forward", "1", 0.01, 1.0, "efficiency of the screw where the motor drives the load",
-              sheet="screw: efficiency, turning into thrust"),
+    parameter("efficiency.forward", "1", 0.01, 1.0, "efficiency of the screw when the motor drives the load",
+              sheet="screw: efficiency, torque into thrust"),
     parameter("efficiency.backward", "1", -10.0, 1.0,
-              "efficiency of the screw where the load drives the motor (0 or less: it cannot)",
-              sheet="screw: efficiency, thrust into turning")))
+              "efficiency of the screw when the load drives the motor (0 or less: the load cannot)",
+              sheet="screw: efficiency, thrust into torque")))
 
 # -- friction ----------------------------------------------------------------------
 
@@ -57,12 +57,12 @@ VISCOUS = Group((
     *(parameter(f"friction.viscous.{way}", "N.m.s/rad", 0.0, 10.0, f"viscous friction at the motor, {way} motion",
                 sheet="bench: viscous friction without load") for way in ("positive", "negative")),
     *array("friction.table.temperature", TABLE_POINTS, "degC", -100.0, 200.0,
-           "temperature of the table of friction, rising"),
+           "temperature of the friction table (rising)"),
     *array("friction.table.viscous", TABLE_POINTS, "1", 0.0, 100.0,
-           "viscous friction there over that at 24 degC"),
+           "ratio of the viscous friction at this temperature to that at 24 degC"),
     parameter("friction.identified_from", "degC", -100.0, 200.0,
-              "coldest temperature at which friction was tested"),
-    parameter("friction.identified_to", "degC", -100.0, 200.0, "warmest temperature at which friction was tested"),
+              "lowest temperature at which friction was measured"),
+    parameter("friction.identified_to", "degC", -100.0, 200.0, "highest temperature at which friction was measured"),
     tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature")),
     rules=rules.TEMPERATURE_RULES, provides=(capabilities.AMBIENT_TEMPERATURE,), deviations=(as_built.VISCOUS,))
 COULOMB = Group((
@@ -71,7 +71,7 @@ COULOMB = Group((
                 "bench: friction torque without load; a constant one is the first number, the others 0")
       for way in ("positive", "negative") for power in range(7)),
     *array("friction.table.coulomb", TABLE_POINTS, "1", 0.0, 100.0,
-           "Coulomb friction there over that at 24 degC")),
+           "ratio of the Coulomb friction at this temperature to that at 24 degC")),
     rules=rules.FRICTION_RULES, provides=(capabilities.COULOMB_FRICTION, capabilities.DRY_FRICTION),
     deviations=(as_built.COULOMB,))
 
@@ -89,12 +89,12 @@ MOTOR = Group((
     Output(real_output("motor_torque", "N.m", "motor torque", 3.0),
            lambda ops, p, m: drive.torque(p, m.motor_current))),
     deviations=(as_built.FLUX,))
-# Of a rigid drive line the fin's angle follows from that of the motor.
+# In a rigid drive line the fin's angle follows from the motor's.
 SHAFT = Group(outputs=(Output(real_output("motor_angle", "rad", "motor angle", 10.0)),),
               provides=(capabilities.RIGID_DRIVE_LINE,))
 CURRENT = Group(outputs=(
     Output(real_output("motor_current", "A", "motor current", 30.0)),
-    Output(real_output("motor_voltage", "V", "voltage the drive applies (back-EMF while disabled)", 30.0))),
+    Output(real_output("motor_voltage", "V", "voltage applied by the drive (back-EMF while disabled)", 30.0))),
     provides=(capabilities.MOTOR_CURRENT, capabilities.PROPORTIONAL_TORQUE, capabilities.DRIVE_STEP))
 POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.motor_voltage * m.motor_current),), terminal="",
               provides=(capabilities.SUPPLY_VOLTAGE, capabilities.RETURNS_POWER))
@@ -102,10 +102,10 @@ VOLTAGE_LIMIT = Group(provides=(capabilities.VOLTAGE_LIMIT,))
 INDUCTANCE = Group((parameter("motor.inductance", "H", 1e-7, 10.0, "winding inductance",
                               sheet="motor: terminal inductance, line to line"),))
 POLE_PAIRS = Group((
-    integer_parameter("motor.pole_pairs", 0, 1000, "pole pairs: the inductive voltage across the winding, pole pairs "
-                      "times speed, inductance and current, uses its part of the supply (0: none)",
+    integer_parameter("motor.pole_pairs", 0, 1000, "pole pairs; the inductive voltage, pole pairs times speed, "
+                      "inductance and current, lowers the voltage limit (0: it does not)",
                       sheet="motor: pole pairs, half the number of poles"),))
-# A brushless motor whose drive has nothing else to switch, and whose rotor has a state of its angle.
+# A brushless motor whose bridge is all that `enable` switches, and whose rotor angle is a state.
 PHASES = Group(provides=(capabilities.PHASES,))
 DELAY = Group((parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from DAC to current reference",
                         sheet="drive: delay from a command to the current", display="ms"),),
@@ -116,7 +116,7 @@ CURRENT_GAIN = Group((
               sheet="drive: scale of the analogue command, A/V"),))
 CURRENT_LIMIT = Group((
     parameter("drive.current_limit", "A", 1e-3, 1e4, "largest current reference",
-              sheet="drive: peak current, or that of its load if that is less"),
+              sheet="drive: peak current, or that of the motor if it is less"),
     parameter("drive.current_offset", "A", -1e3, 1e3, "current demanded at zero reference")),
     provides=(capabilities.CURRENT_LIMIT,), imperfections={as_built.OFFSET: {"drive.current_offset": 0.0}})
 KP = parameter("drive.kp", "V/A", 1e-6, 1e4, "proportional gain of the current loop",
@@ -155,25 +155,25 @@ LIMITS = Group((
     parameter("drive.reference_limit", "V", 1e-3, 1e3, "largest DAC output",
               sheet="drive: range of the analogue command"),
     tunable("controller.antiwindup", "1/s", 0.0, 1e5,
-            "back-calculation gain of the anti-windup where the speed reference is limited",
+            "back-calculation gain of the anti-windup while the speed reference is limited",
             sheet="controller: anti-windup gain"),
     tunable("controller.drive_antiwindup", "1/s", 0.0, 1e5,
-            "back-calculation gain of the anti-windup where DAC or drive current are limited (0: none)"),
+            "back-calculation gain of the anti-windup while DAC or drive current is limited (0: none)"),
     parameter("controller.speed_limit", "rad/s", 1e-3, 1e5, "largest motor speed reference",
               sheet="controller: speed limit; not above the motor's permitted speed", display="rpm")),
     rules=rules.ANTIWINDUP_RULES, provides=(capabilities.REFERENCE_LIMIT,))
 COMPENSATION = Group((
-    tunable("compensation.gain", "1", 0.0, 10.0, "share of the Coulomb friction fed forward (0: none)"),
-    tunable("compensation.speed_band", "rad/s", 1e-6, 1e4, "speed reference at which compensation is full",
+    tunable("compensation.gain", "1", 0.0, 10.0, "share of the Coulomb friction that is fed forward (0: none)"),
+    tunable("compensation.speed_band", "rad/s", 1e-6, 1e4, "speed reference from which the compensation is full",
             display="rpm")))
 ENCODER = Group((
-    switch("encoder.enabled", "false feeds true angle and speed to the controllers"),
+    switch("encoder.enabled", "false: the controllers get the true angle and speed"),
     integer_parameter("encoder.pulses", 1, 1_000_000, "pulses per revolution",
                       sheet="encoder: pulses (lines) per revolution"),
     integer_parameter("encoder.multiplier", 1, 4, "edge multiplier: 1, 2 or 4",
-                      sheet="encoder: edges counted of a pulse, 4 in quadrature"),
+                      sheet="encoder: edges counted per pulse, 4 in quadrature"),
     switch("encoder.on_fin", "true: the position comes from an encoder on the fin shaft; false: from the motor's, "
-           "as the speed always does", sheet="encoder: whether there is one on the fin's shaft")),
+           "as the speed always does", sheet="encoder: whether one is on the fin shaft")),
     rules=(rules.encoder_multiplier,), provides=(capabilities.ENCODER,),
     imperfections={as_built.ENCODER: {"encoder.enabled": False}})
 OPTIONAL = (LEVER, SCREW, COULOMB, HINGE_FRICTION, COMPENSATION, ENCODER, CURRENT_LIMIT, LIMITS, POLE_PAIRS)
@@ -183,13 +183,13 @@ SERVO = (MOTOR, CURRENT, POWER, VOLTAGE_LIMIT, INDUCTANCE, DELAY, CURRENT_GAIN, 
 
 
 def with_screw(screw: Group) -> tuple[Group, ...]:
-    """Return the groups between motor and fin with a screw on a lever, and loops and encoder."""
+    """Return the groups of a screw with lever, of friction and hinge, and of loops and encoder."""
     return LEVER, COULOMB, ENCODER, screw, *LOOPS, VISCOUS, HINGE, HINGE_FRICTION
 
 
 def with_gear(gear: Group, fork: str, shaft: Group = SHAFT) -> tuple[Group, ...]:
     """Return the groups of motor, drive, loops, encoder and fin with a `gear` instead of screw and lever.
 
-    `fork` names the part that turns the fin's shaft.
+    `fork` names the part that turns the fin's shaft, for descriptions.
     """
     return COULOMB, ENCODER, *LOOPS, VISCOUS, HINGE.reworded({"fork": fork}), HINGE_FRICTION, shaft, *SERVO, gear

@@ -1,9 +1,9 @@
 """The actuator after Habibi, Roach and Luecke, as the thesis describes it in section 1.1.1.1.
 
-Current, velocity and position loops are in cascade. There is a gap between nut and fork; every component is rigid.
-Inertia and friction are reduced to the motor shaft at a constant ratio; viscous and Coulomb friction are constant and
-the same in both directions. The flanks of the gap have the stiffness and damping of
-:mod:`emcas_fmu.actuators.electromechanical.elastic`.
+Current, velocity and position loops are in cascade. There is a gap between nut and fork, whose flanks have the
+stiffness and damping of :mod:`emcas_fmu.actuators.electromechanical.elastic`; all other components are rigid. Inertia
+and friction are reduced to the motor shaft at a constant ratio; viscous and Coulomb friction are constant and the same
+in both directions.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ COMPOSITION = interface.composed(elastic.moment, *groups.with_screw(elastic.SCRE
 
 
 def at_motor(p: Any) -> Any:
-    """Return parameters with one viscous and one Coulomb coefficient at the motor."""
+    """Return parameters with the same viscous and the same constant Coulomb friction at the motor in both directions.
+    """
     viscous, coulomb = p.friction.viscous, p.friction.coulomb
     mean = 0.5 * (viscous.positive + viscous.negative)
     constant = (0.5 * (coulomb.positive[0] + coulomb.negative[0]), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

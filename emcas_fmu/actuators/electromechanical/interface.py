@@ -21,25 +21,25 @@ DRIVE = (State("motor_current", "A"), State("drive_integral", "V", "integral of 
 CONTROLLER = (State("integral", "rad/s", "integral of the position controller"),
               State("velocity_integral", "V", "integral of the velocity controller"),
               State("target", "rad", "requested motor angle, lagged by the update time of the command"),
-              State("momentum", "N.m.s", "of the load observer"),
+              State("momentum", "N.m.s", "momentum of the load observer"),
               State("counts", "1", "counts of the encoder of position at the last sample"),
               State("motor_counts", "1", "counts of the motor's encoder at the last sample"))
 
 SUPPLY_VOLTAGE = real_input("supply_voltage", "V", "bus voltage of the drive", minimum=0.0, maximum=1000.0,
                             nominal=30.0, start=None, key="drive.supply_voltage",
                             sheet="drive: supply (DC-link) voltage")
-SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by the motor; negative while regenerating",
-                           1000.0)
+SUPPLY_POWER = real_output("supply_power", "W", "electrical power from the supply to the motor; negative while "
+                           "regenerating", 1000.0)
 INPUT_DESCRIPTIONS = {
-    "acceleration.x": "vehicle acceleration along body x (forward, along the screw), where mounting.station "
-                      "counts from",
+    "acceleration.x": "vehicle acceleration along body x (forward, along the screw), at the point from which "
+                      "mounting.station is measured",
     "angular_acceleration.x":
         "vehicle angular acceleration about body x, d/dt of angular_rate.x; times inertia.motor + inertia.screw it "
         "reduces the motor's torque, whose positive angle is right-handed about body x",
-    "enable": "false opens the drive's bridge: the fin is driven by loads and friction only",
+    "enable": "false opens the drive's bridge: only loads and friction move the fin",
 }
 
-# K_t i w = K_e w i: the power that leaves the circuit and the one on the shaft.
+# K_e w i = K_t i w: the power that leaves the circuit is the power on the shaft.
 EQUAL = (("motor.torque_constant", "motor.back_emf_constant"),)
 SUPPLY = Supply(SUPPLY_VOLTAGE, SUPPLY_POWER, lambda ops, p: 1.0 / p.motor.inductance)
 TICK_REMEDY = "raise solver.max_tick or motor.inductance, or lower drive.ki"
@@ -69,12 +69,12 @@ def composed(moment: Callable[[Ops, Any, Record, PlantInputs], tuple[Any, Record
 
 
 def moment(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value, speed: Value, **further: Value) -> Record:
-    """Return the quantities from which the groups compute their outputs, with parameters as built.
+    """Return the values from which the groups compute their outputs, with parameters as built.
 
-    `angle` [rad] and `speed` [rad/s] are those of the fin, referred to the motor; `tangent` is that of the lever's
-    angle, `fin` the fin's angle [rad], `hinge_torque` the external moment [N.m]. The actuator adds what its groups use:
-    `motor_current` [A] and `motor_voltage` [V]; `limited`, whether a limit is active; `nut`, the angle of the screw at
-    the nut [rad], if it is not `angle`.
+    `angle` [rad] and `speed` [rad/s] are those of the fin, referred to the motor. The result also has `tangent`, that
+    of the lever's angle, `fin`, the fin's angle [rad], and `hinge_torque`, the external moment [N.m]. `further` are the
+    values that only some groups use: `motor_current` [A] and `motor_voltage` [V]; `limited`, whether a limit is active;
+    `nut`, the screw angle at the nut [rad], if it differs from `angle`.
     """
     tangent = kinematics.lever_tangent(ops, p, angle)
     fin, hinge_torque = kinematics.fin_angle(ops, p, tangent), mechanics.external_moment(ops, p, tangent, u)

@@ -1,7 +1,7 @@
-"""The thesis's linear model, (2.18)-(2.26): the nonlinear actuator without what makes it so.
+"""The thesis's linear model, (2.18)-(2.26): the nonlinear actuator without its nonlinear equations.
 
-It has a constant ratio, one viscous coefficient for both directions, no dry friction and no compensation of it, no
-encoder, and no limits of speed, reference, current and voltage. Command limit and mechanical stops remain, and so do
+It has a constant ratio, one viscous coefficient for both directions, no dry friction or friction compensation, no
+encoder, and no limits of speed, reference, current and voltage. Command limit and mechanical stops remain, as do
 loads, drive delay and sampling. With ``controller.position.ki`` = 0 it is the thesis's P control, otherwise PI.
 """
 
@@ -19,7 +19,7 @@ from . import groups, interface, nonlinear, plausibility
 
 
 def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
-    """Return the parameters as built, and what the outputs follow from; the supply limits nothing."""
+    """Return the parameters as built, and the values from which the outputs follow; the supply limits nothing."""
     return nonlinear.moment(ops, p, x, u.replace(supply=inf))
 
 
@@ -46,7 +46,7 @@ ACTUATOR = COMPOSITION.over(
     name="linear",
     title="linear electromechanical actuator: constant ratio, viscous friction, no limits",
     supply_rules=(),
-    descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
+    descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; has no effect"},
     structure=Structure(constant_ratio=True),
     equation_parameters=_linear,
     step=step,

@@ -14,7 +14,7 @@ from .. import fin_port
 from ..declaration import Actuator, PlantInputs, SampleInputs, Values
 from . import groups, interface, plausibility
 
-# Largest phase [rad] of the drive's integral action in a tick: its value at mid-tick is used through the tick.
+# Largest phase [rad] of the drive's integral action in a tick, in which its value at mid-tick is used.
 _INTEGRAL_PHASE = 0.07
 EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, controllers, rigid)
 
@@ -31,7 +31,7 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
 
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-    """Return the reference and states of the controllers after a sample; a disabled drive holds them in reset."""
+    """Return the reference and the states of the controllers after a sample; while disabled they are held in reset."""
     measured = sensors.measure(ops, p, as_built(ops, p), inputs.position, x.motor_angle, x.motor_speed, x.motor_counts,
                                inputs.encoder_offset)
     observed: Values = {}
@@ -71,7 +71,7 @@ def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values,
 
 
 def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
-    """Return the parameters as built, and what the outputs follow from."""
+    """Return the parameters as built, and the values from which the outputs follow."""
     p = as_built(ops, p)
     voltage, current, clipped = electrical(ops, p, x.motor_speed, x, u)
     return p, interface.moment(ops, p, x, u, x.motor_angle, x.motor_speed, motor_voltage=voltage, motor_current=current,
@@ -85,7 +85,7 @@ as_built = COMPOSITION.as_built
 
 def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: PlantInputs) -> tuple[Value, ...]:
     """Return motor voltage [V] and current [A] at a motor speed [rad/s], and 1 where a limit is active, else 0."""
-    if p.structure.current == "ideal":  # with the voltage that it would need
+    if p.structure.current == "ideal":  # the voltage is the one that such a loop needs
         current = ops.where(u.enabled, drive.current_reference(ops, p, u.reference), 0.0)
         over = ops.both(u.enabled, ops.fabs(drive.current_reference_raw(p, u.reference)) > p.drive.current_limit)
         return p.motor.resistance * current + drive.back_emf(p, speed), current, ops.where(over, 1.0, 0.0)

@@ -1,8 +1,8 @@
 """The actuator after Ozkan, as the thesis describes it in section 1.1.1.1.
 
-A brushless DC motor has an ideal current loop: the current equals its reference at once, within the drive's limit, so
-that voltage and back-EMF do not affect the motion. The motor's shaft is flexible; there is no gap. Inertia and friction
-are reduced to the motor shaft at a constant ratio. The output motor_voltage is the one that such a loop would need.
+A brushless DC motor has an ideal current loop: the current equals its reference at once, within the drive's limit.
+Voltage and back-EMF do not affect the motion. The motor's shaft is flexible; there is no gap. Inertia and friction are
+reduced to the motor shaft at a constant ratio. The output motor_voltage is the voltage that such a loop would need.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from ..declaration import Supply
 from . import elastic, groups, interface, plausibility
 from .habibi import at_motor
 
-# rad/(N.m). Under an ideal current loop a rigid shaft would have no equation: this compliance gives 6e-6 deg
-# at the fin under the motor's full torque.
+# Least compliance [rad/(N.m)] of the shaft, 6e-6 deg at the fin under the motor's full torque: the equations of a rigid
+# shaft do not cover an ideal current loop.
 _STIFFEST = 1e-6
 COMPOSITION = interface.composed(
     elastic.moment, *groups.with_screw(elastic.SCREW), elastic.SHAFT, groups.MOTOR, groups.CURRENT, groups.POWER,
@@ -41,7 +41,7 @@ ACTUATOR = COMPOSITION.over(
     name="ozkan",
     title="electromechanical actuator after Ozkan: ideal current loop, flexible motor shaft, constant ratio",
     supply=Supply(interface.SUPPLY_VOLTAGE, interface.SUPPLY_POWER),
-    descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
+    descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; has no effect"},
     structure=Structure(constant_ratio=True, current="ideal", drive_line=True),
     derivatives=with_parameters(elastic.derivatives, _gapless),
     step=with_parameters(elastic.yielding, _ozkan),

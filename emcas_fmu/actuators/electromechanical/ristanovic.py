@@ -2,14 +2,14 @@
 
 "Intelligent control of DC motor driven electromechanical fin actuator", Control Engineering Practice 20 (6),
 610-617. The amplifier puts a voltage on the winding in proportion to the controllers' reference, the speed reference
-saturates, a torsion bar represents the hinge moment, and the ratio is constant:
+saturates, a torsion bar replaces the hinge moment, and the ratio is constant:
 
     L di/dt = clip(K_pwm u, +-V) - R i - K_e w        T = T_aero - k_bar fin_angle
 
-The published model has no back-EMF (thesis, section 1.1.1.1): the default of K_e is 0. The supply then feeds the
-winding's heat only; nothing supplies the work on the shaft, and the supply does not limit the speed. With K_e = K_t
-the equations are those of a motor. Friction, sampling, encoder and stops are the nonlinear actuator's. No friction is
-fed forward.
+The published model has no back-EMF (thesis, section 1.1.1.1): the default of K_e is 0. The power of the supply is then
+only the heat of the winding, not the work on the shaft, and the supply does not limit the speed. With K_e = K_t the
+equations are those of a motor. Friction, sampling, encoder and stops are the nonlinear actuator's. No friction is fed
+forward.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def _loaded(ops: Ops, p: Any, angle: Value, u: PlantInputs) -> PlantInputs:
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states under the loads and the bar's torque."""
+    """Return d/dt of the states under the loads and the torsion bar's torque."""
     return nonlinear.derivatives(ops, p, x, _loaded(ops, p, x.motor_angle, u))
 
 
@@ -66,9 +66,10 @@ COMPOSITION = interface.composed(
     moment, groups.LEVER, groups.COULOMB, groups.ENCODER, groups.SCREW, groups.LOSSLESS, *groups.LOOPS,
     groups.VISCOUS, groups.HINGE.reworded({"aerodynamic": "aerodynamic + torsion bar", "DAC, current or": "DAC or"}),
     groups.HINGE_FRICTION, groups.SHAFT, groups.MOTOR,
-    groups.CURRENT.reworded({"motor current": "motor current, which no loop controls"}), groups.POWER,
+    groups.CURRENT.reworded({"motor current": "motor current (without a current loop)"}), groups.POWER,
     groups.VOLTAGE_LIMIT, groups.INDUCTANCE,
-    groups.DELAY.reworded({"controller's DAC": "controller's DAC, which sets the PWM"}), PWM, BAR)
+    groups.DELAY.reworded({"controller's DAC": "controller's DAC, which sets the PWM",
+                           "DAC to current reference": "DAC to PWM"}), PWM, BAR)
 ACTUATOR = COMPOSITION.over(
     nonlinear.ACTUATOR, lambda ops, p: COMPOSITION.completed(p, (groups.COMPENSATION,)),
     (plausibility.matched_inertia, plausibility.fine_counts, plausibility.WINDING_RULE),

@@ -1,4 +1,4 @@
-"""Rules for the parameters of electromechanical actuators: of lever, friction, gains and inertias."""
+"""Rules for the parameters of electromechanical actuators: lever, friction, gains and inertias."""
 
 from __future__ import annotations
 
@@ -48,7 +48,8 @@ def encoder_multiplier(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 def _stable(name: str, share: float) -> Rule:
-    """Return the rule that a gain [1/s] removes at most the whole of its quantity in a sample, times `share`."""
+    """Return the rule that a gain [1/s] is at most `share` over the sample time: it removes at most that in a sample.
+    """
     @rule(f"controller.{name} = %.6g 1/s must be at most {share:g}/controller.sample_time = %.6g 1/s")
     def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         gain, fastest = getattr(p.controller, name), share / p.controller.sample_time
@@ -57,8 +58,8 @@ def _stable(name: str, share: float) -> Rule:
     return check
 
 
-@rule("friction.temperature = %.6g degC is outside friction.identified_from = %.6g to friction.identified_to = %.6g "
-      "degC, where friction was tested: friction.table is an estimate there", warning=True)
+@rule("friction.temperature = %.6g degC is outside the range in which friction was measured, friction.identified_from "
+      "= %.6g to friction.identified_to = %.6g degC: friction.table is an estimate there", warning=True)
 def identified(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     low, now, high = p.friction.identified_from, p.friction.temperature, p.friction.identified_to
     return when(ops, ops.either(now < low, now > high)), now, low, high
@@ -71,7 +72,7 @@ def identified_range(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 @rule("controller.position.setpoint_weight = %.6g with controller.position.ki = %.6g 1/s2: without an integral the fin "
-      "stops short of its command; set the weight to 1", warning=True)
+      "does not reach its command; set the weight to 1", warning=True)
 def setpoint_weight(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     position = p.controller.position
     short = ops.both(ops.equal(position.ki, 0.0), ops.negate(ops.equal(position.setpoint_weight, 1.0)))
@@ -79,7 +80,7 @@ def setpoint_weight(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 def inertias(p: Any, viscous: Value) -> tuple[Value, Value]:
-    """Return inertias at the motor [kg.m2] with the ratio d/l: of nut and hinge, and of motor and screw.
+    """Return two inertias at the motor [kg.m2], of nut and hinge at the ratio d/l, and of motor and screw.
 
     `viscous` [kg.m2] is added to the inertia about the hinge.
     """
@@ -88,26 +89,26 @@ def inertias(p: Any, viscous: Value) -> tuple[Value, Value]:
     return p.mass.nut * lead * lead + lever * lever * fin, p.inertia.motor + p.inertia.screw
 
 
-# Largest ratio of the load's inertia, times minus the backward efficiency, to the rotor's: the rest accelerates.
+# Largest ratio of minus the backward efficiency times the load's inertia to the rotor's: at 1 the screw jams.
 MOST_JAMMING = 0.9
 
 
 def jams(ops: Ops, p: Any, backward: Value, tick: Value) -> tuple[Value, ...]:
-    """Return 1 if J_r + e J_l > 0 is violated for a tick [s], else 0, and `backward`, J_r and J_l [kg.m2].
+    """Return 1 if -e J_l exceeds MOST_JAMMING J_r, else 0, and e, J_r and J_l [kg.m2]; e is the efficiency `backward`.
 
-    J_l includes the hinge's viscous friction in the midpoint rule; R >= d/l.
+    J_l includes the hinge's viscous friction in the midpoint rule with a `tick` [s]; the ratio is d/l, its least.
     """
     load, rotor = inertias(p, 0.5 * tick * mechanics.hinge_friction(p).viscous)
     return when(ops, -backward * load > MOST_JAMMING * rotor), backward, rotor, load
 
 
 def jamming(turning: str, change: Callable[[Ops, Any], Any], tick: Callable[[Ops, Any], Value]) -> Rule:
-    """Return the rule for a backward efficiency with which a screw jams; `turning` names the parts that turn with it.
+    """Return the rule against a backward efficiency with which a screw jams; `turning` names the screw's rotor.
 
-    `change` returns the parameters of a screw, `tick` the longest tick [s].
+    `change(ops, p)` returns the parameters of a screw, `tick(ops, p)` the longest tick [s].
     """
     @rule(f"efficiency.backward = %.6g must not be below minus {MOST_JAMMING:g} times the inertia of {turning} over "
-          "that of the load at the motor, %.6g over %.6g kg.m2")
+          "that of the load at the motor, %.6g over %.6g kg.m2; raise it")
     def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         return jams(ops, change(ops, p), p.efficiency.backward, tick(ops, p))
 
@@ -116,6 +117,6 @@ def jamming(turning: str, change: Callable[[Ops, Any], Any], tick: Callable[[Ops
 
 FRICTION_RULES = (_friction("positive"), _friction("negative"))
 OBSERVER_RULE = _stable("load_observer", 1.0)
-# The drive's anti-windup unwinds two integrals at once.
+# The drive's anti-windup acts on two integrals at once.
 ANTIWINDUP_RULES = (_stable("antiwindup", 1.0), _stable("drive_antiwindup", 0.5))
 TEMPERATURE_RULES = (rising("friction.table.temperature", TABLE_POINTS, "degC"), identified_range, identified)

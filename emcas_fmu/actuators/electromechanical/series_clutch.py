@@ -4,21 +4,21 @@
     J_s w' = F - C_s sgn w - b_s w - e L                e = 1/forward where L w > 0, else backward = 0
 
 The motor with its current loop turns the screw through a friction clutch (:mod:`emcas_fmu.physics.clutch`). The coil
-has its rated current while the drive is enabled, otherwise none. The clutch limits the torque: it slips under a shock
-from stop, jam or load, and the rotor keeps its speed. A no-back keeps the load from driving the motor. It is
-proportional to the load, as on the screws of flaps and stabilisers. The nut's axial force presses friction discs
-between screw and housing, and a ratchet lets them turn freely while the load opposes the motion. They bear the torque
-of a load that acts with the motion, at once and without power; for the motor this is a screw with a backward efficiency
-of 0 (:mod:`emcas_fmu.physics.screw`). Thus "loads which act with the motor return no energy", as the thesis requires.
-Without power the fin holds any load.
+has its rated current while the drive is enabled, otherwise none. The clutch limits the torque: under a shock from stop,
+jam or load it slips, and the rotor keeps its speed. A no-back prevents the load from driving the motor. Its torque is
+proportional to the load, as on the screws of flaps and stabilisers: the nut's axial force presses friction discs
+between screw and housing, and a ratchet lets them turn freely while the load opposes the motion. The discs balance
+the torque of a load that acts with the motion, at once and without power; for the motor this is a screw with a backward
+efficiency of 0 (:mod:`emcas_fmu.physics.screw`). Loads that act with the motor return no energy, as in the thesis.
+Without power the fin resists any load.
 
-The drive is fed through a diode. A resistor dissipates the power that motor and coil return; its chopper keeps the link
-at the supply's voltage,
+The drive is fed through a diode. A resistor dissipates the power that motor and coil return; its chopper keeps the DC
+link at the supply's voltage,
 
     supply_power = max(v i + v_c i_c, 0)                braking_power = max(-(v i + v_c i_c), 0)
 
-A link without capacitance needs no parameter, and diode and chopper change no trajectory. Encoder and loops are the
-nonlinear actuator's, with the screw instead of the motor.
+The link has no capacitance; diode and chopper change no trajectory. Encoder and loops are the nonlinear actuator's, on
+the screw instead of the motor.
 
 Events (:mod:`emcas_fmu.steppers.events`): the clutch locks or slips, screw or rotor comes to rest or starts, the load
 begins to drive the screw or to oppose it, the fin meets a stop, the coil's amplifier or the drive's voltage reaches a
@@ -47,23 +47,23 @@ from . import clutches, groups, interface, nonlinear, plausibility, rules
 from .nonlinear import as_built
 
 STATES = (*clutches.SCREW, *interface.DRIVE, State("coil_current", "A"),
-          State("flux", "A", "as the current that holds it"), clutches.TEMPERATURE)
-SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor and coil; never negative", 1000.0,
-                           minimum=0.0)
+          State("flux", "A", "as the steady current for it"), clutches.TEMPERATURE)
+SUPPLY_POWER = real_output("supply_power", "W", "electrical power from the supply to motor and coil; never negative",
+                           1000.0, minimum=0.0)
 _CLUTCH = Group((
     *clutches.CLUTCH.parameters,
-    parameter("clutch.share", "1", 0.0, 10.0, "torque of the clutch, over the rated one"),
+    parameter("clutch.share", "1", 0.0, 10.0, "ratio of the clutch's torque to the rated torque"),
     parameter("coil.kp", "V/A", 1e-6, 1e4, "proportional gain of the coil's amplifier"),
-    parameter("coil.connected", "1", 0.0, 1.0, "share of the requested current that the coil gets (0: open)")), (
+    parameter("coil.connected", "1", 0.0, 1.0, "share of its reference current in the coil (0: open coil)")), (
     Output(real_output("coil_current", "A", "coil current of the clutch", 1.0)),
-    Output(real_output("clutch_torque", "N.m", "torque of the clutch on the screw", 1.0),
+    Output(real_output("clutch_torque", "N.m", "torque on the screw by the clutch", 1.0),
            lambda ops, p, m: clutched_screw.torque(ops, m.train, m.motion)),
-    Output(real_output("slip_power", "W", "heat of slip of the clutch", 1000.0, minimum=0.0),
+    Output(real_output("slip_power", "W", "slip heat of the clutch", 1000.0, minimum=0.0),
            lambda ops, p, m: _slip_power(m.train, m.motion, m.x)),
     clutches.CLUTCH_TEMPERATURE))
 _POWERS = Group(groups.EFFICIENCY.parameters, (
     Output(SUPPLY_POWER, lambda ops, p, m: ops.maximum(m.power, 0.0)),
-    Output(real_output("braking_power", "W", "power that motor and coil return, into the drive's braking resistor",
+    Output(real_output("braking_power", "W", "power from motor and coil to the drive's braking resistor",
                        100.0, minimum=0.0), lambda ops, p, m: ops.maximum(-m.power, 0.0)),
     Output(real_output("screw_loss", "W", "power that no-back and screw turn into heat under load", 100.0,
                        minimum=0.0),
@@ -73,7 +73,7 @@ FAULTS = (
     *clutches.faults("the clutch slips", ("coil.connected", "the clutch"), ("clutch.share",)),
     PlantFault("clutch_engaged", "the no-back fails: through the engaged clutch the load drives the motor",
                lambda ops, p, amounts: {"efficiency.backward": amounts.share}, (
-                   tunable("share", "1", 0.0, 1.0, "of the load's torque that gets through the screw"),)),
+                   tunable("share", "1", 0.0, 1.0, "share of the load's torque that the screw transmits"),)),
 )
 MODULES = (clutched_screw, screw, clutch, kinematics, mechanics, friction, loads, drive, sensors, controllers, events)
 
@@ -84,7 +84,7 @@ def _screw_side(p: Any) -> Any:
 
 
 def _as_one(p: Any) -> Any:
-    """Return the parameters of motor, clutch and screw as one rotor, for the loops: the clutch is locked."""
+    """Return the parameters of motor, locked clutch and screw as one rotor, for the loops."""
     dry, wet, one = p.friction.coulomb, p.friction.viscous, p.motor
     return with_values(p, {
         "inertia.motor": p.inertia.motor + p.clutch.driving_inertia + p.clutch.driven_inertia,
@@ -106,7 +106,7 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 
 
 def _surroundings(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value) -> Record:
-    """Return everything of the mode but the directions of sliding, with the mechanics at a screw angle [rad]."""
+    """Return the mode at a screw angle [rad], without the directions of sliding."""
     c = mechanics.coefficients(ops, _screw_side(p), angle, u)
     high, low = (way * mechanics.breakaway(ops, p, c, way) for way in (1.0, -1.0))
     high, low = screw.held(ops, p, c, high, low)
@@ -160,9 +160,9 @@ def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states, (2.17), (2.46), (2.47), for a locked clutch.
+    """Return d/dt of the states, (2.17), (2.46), (2.47), for a locked clutch, without no-back and dry friction.
 
-    Without no-back and dry friction; viscous friction is the mean of both directions.
+    Viscous friction is the mean of both directions.
     """
     rates = dict(nonlinear.derivatives(ops, _as_one(p), clutches.as_cascade(x, x.motor_current), u))
     angle = rates.pop("motor_angle")
@@ -179,7 +179,7 @@ def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
     turning, rotor = clutched_screw.landed(ops, m.motion, (begin.screw_speed, begin.motor_speed),
                                            (x.screw_speed, x.motor_speed), events)
-    # Another event may be located just behind that of the stop, by rounding.
+    # By rounding another event may be located just after that of the stop.
     way, (least, most) = m.motion.screw, m.stops
     beyond = ops.either(ops.both(way > 0.0, x.screw_angle >= most), ops.both(way < 0.0, x.screw_angle <= least))
     struck = ops.either(events["stop"], beyond)
@@ -210,7 +210,7 @@ COMPOSITION = interface.composed(
 
 
 @rule("inertia.screw + clutch.driven_inertia = %.6g kg.m2 must be above 0: the screw turns freely while the clutch "
-      "slips")
+      "slips; raise one of them")
 def _screw_inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     inertia = p.inertia.screw + p.clutch.driven_inertia
     return when(ops, inertia <= 0.0), inertia
@@ -223,20 +223,20 @@ ACTUATOR = replace(
                            motor="motor, clutch and screw"),
     name="series-clutch",
     title="clutch actuator: the nonlinear one with a clutch between motor and screw, and a no-back on the screw",
-    origin="Section 1.1.1.2 of the thesis of Yerlikaya (2016): an electromechanical actuator with a clutch, so that "
-           "loads which act with the motor return no energy. It gives no numbers: those of clutch and no-back are "
+    origin="Section 1.1.1.2 of the thesis of Yerlikaya (2016) mentions an electromechanical actuator with a clutch: "
+           "loads that act with the motor return no energy. It gives no numbers: those of clutch and no-back are "
            "engineering estimates, the others are the nonlinear set's.",
     states=STATES,
     encoder=("screw_angle", "screw_speed"),
     controllers_read=("screw_speed", "motor_current"),
     supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER, interface.SUPPLY.inverse_inductance),
     descriptions={**interface.INPUT_DESCRIPTIONS,
-                  "enable": "false opens drive's bridge and clutch: the no-back holds the fin under any load"},
+                  "enable": "false opens the drive's bridge and the clutch: the no-back holds the fin under any load"},
     faults=FAULTS,
     initial=initial,
     sample=sample,
     derivatives=derivatives,
-    # Without a load, rounding decides which way it acts: after PROGRESS alone the current would not have changed.
+    # Without a load its direction is rounding: after a step as short as PROGRESS the current would not have changed.
     step=events.Switched(mode, _rates, _margins, _landed, electrical.begun, least={"load": 1e-3}).step(as_built),
     reference="emcas_fmu.reference.series_clutch",
     modules=(sys.modules[__name__], *MODULES),

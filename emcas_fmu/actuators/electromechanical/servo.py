@@ -4,8 +4,8 @@
     J_f d2(delta)/dt2 = T + T_h - C_f - b_f d(delta)/dt
 
 w_m is the motor's speed, N the gear ratio, delta the fin angle; T_h is the hinge moment. Torques of motor and gear:
-:mod:`emcas_fmu.physics.servo`, firmware: :mod:`emcas_fmu.control.firmware`. Every value is one of the servo's data
-sheet, or of its output shaft. The encoder is on the output. Without `enable` the bridge is open.
+:mod:`emcas_fmu.physics.servo`, firmware: :mod:`emcas_fmu.control.firmware`. Parameters are values of a servo's data
+sheet, or refer to its output shaft, where the encoder is. Without `enable` the bridge is open.
 """
 
 from __future__ import annotations
@@ -29,33 +29,33 @@ from ..composition import Composition, Group, Output, port
 from ..declaration import FIN, Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
 from . import groups, interface
 
-# A servo turns further than a fin: on a bench, or with a linkage.
+# A servo may turn further than a fin: on a bench, or with a linkage.
 _TURNS = ("command.limit", "fin.stop_angle", "fin.start_angle")
 _PORT = port((
     *(replace(v, minimum=-pi if v.minimum < 0.0 else v.minimum, maximum=pi) if v.name in _TURNS else v
       for v in fin_port.described({"controller.sample_time": "frame time of the firmware"}, fin_port.PARAMETERS)),
     parameter("friction.fin_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction about the hinge")),
     measured_fin_angle="fin angle that the firmware read from its encoder at the last frame",
-    saturated="any limit active: command or PWM")
+    saturated="a limit is active: command or PWM")
 _PORT = replace(_PORT, outputs=tuple(
     out._replace(variable=replace(out.variable, nominal=10.0)) if out.variable.name == "fin_rate" else out
-    for out in _PORT.outputs))  # no load turns a servo at some 10 rad/s
+    for out in _PORT.outputs))  # an unloaded servo turns at about 10 rad/s
 
 
 _FIRMWARE = Group((
-    switch("encoder.enabled", "false feeds the true angle to the firmware"),
-    integer_parameter("encoder.counts", 2, 100_000_000, "counts in a turn of the output shaft",
+    switch("encoder.enabled", "false: the firmware gets the true angle"),
+    integer_parameter("encoder.counts", 2, 100_000_000, "counts per turn of the output shaft",
                       sheet="servo: resolution, counts (pulses) per turn"),
-    parameter("pwm.full", "1", 1.0, 1e9, "counts of PWM that are the whole supply",
+    parameter("pwm.full", "1", 1.0, 1e9, "counts of PWM at a duty cycle of 1",
               sheet="servo: PWM value of 100 %"),
     parameter("pwm.limit", "1", 0.0, 1e9, "largest counts of PWM", sheet="servo: PWM limit"),
-    parameter("controller.dead_band", "1", 0.0, 1e6, "counts below which the firmware ignores an error",
+    parameter("controller.dead_band", "1", 0.0, 1e6, "error in counts below which the firmware ignores it",
               sheet="servo: dead band, in counts"),
     tunable("controller.kp", "1", 0.0, 1e6, "proportional gain, counts of PWM per count of error",
             sheet="servo: position P gain, over its divisor"),
     tunable("controller.ki", "1/s", 0.0, 1e6, "integral gain, counts of PWM per count of error and second",
             sheet="servo: position I gain, over its divisor and its frame time"),
-    tunable("controller.kd", "s", 0.0, 1e6, "derivative gain of the measured angle, counts of PWM per count a second",
+    tunable("controller.kd", "s", 0.0, 1e6, "derivative gain of the measured angle, counts of PWM per count/s",
             sheet="servo: position D gain, over its divisor, times its frame time"),
     parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from a frame to the PWM", display="ms")),
     (Output(real_output("duty", "1", "duty cycle of the PWM, negative for negative voltage", 1.0, minimum=-1.0,
@@ -66,11 +66,11 @@ _MOTOR = Group((
     parameter("motor.nominal_voltage", "V", 0.1, 1000.0, "voltage of stall torque and no-load speed, V_n",
               sheet="servo: voltage at which torque and speed are rated"),
     parameter("motor.stall_torque", "N.m", 1e-6, 1e5, "stall torque at the output without the gear's friction, T_s",
-              sheet="servo: stall torque, which has the gear's friction in it"),
+              sheet="servo: stall torque, plus the gear's friction, which data sheets subtract"),
     parameter("motor.no_load_speed", "rad/s", 1e-3, 1e5, "no-load speed of the output without friction, w_0",
               sheet="servo: no-load speed; 60 deg over the transit time", display="deg/s"),
-    parameter("motor.asymmetry", "1", -0.9, 0.9, "share of the torque that brushes off their neutral position lose "
-              "under negative voltage (negative: under positive)"),
+    parameter("motor.asymmetry", "1", -0.9, 0.9, "share of the torque lost under negative voltage by brushes off their "
+              "neutral position (negative: lost under positive voltage)"),
     parameter("inertia.motor", "kg.m2", 1e-9, 10.0, "rotor inertia, with that of the gear",
               sheet="motor: rotor inertia (moment of inertia, J)")), (
     Output(real_output("motor_angle", "rad", "motor angle", 100.0)),
@@ -79,17 +79,19 @@ _MOTOR = Group((
     Output(real_output("motor_voltage", "V", "mean voltage at the motor (back-EMF while disabled)", 10.0),
            lambda ops, p, m: servo.voltage(ops, p, m.x, m.u))))
 _GEAR = Group((
-    parameter("gear.ratio", "1", 1.0, 1e5, "turns of the motor in one of the output, N", sheet="servo: gear ratio"),
+    parameter("gear.ratio", "1", 1.0, 1e5, "turns of the motor per turn of the output, N", sheet="servo: gear ratio"),
     parameter("gear.stiffness", "N.m/rad", 1e-3, 1e7, "stiffness of the gear at the output, k"),
     parameter("gear.damping", "N.m.s/rad", 0.0, 1e5, "damping of the gear's wind-up, b"),
     parameter("gear.backlash", "rad", 0.0, 0.5, "whole play of the gear at the output",
               sheet="servo: backlash (play) of the output"),
     parameter("friction.gear", "N.m", 0.0, 1e4, "dry friction of the gear at the output without load, C_0"),
-    parameter("friction.gear_load", "1", 0.0, 1.0, "dry friction over transmitted torque where that is small, m"),
-    parameter("friction.gear_load_rise", "1", 0.0, 2.0, "rise of that ratio up to the stall torque, c"),
+    parameter("friction.gear_load", "1", 0.0, 1.0, "ratio of dry friction to transmitted torque at small torque, m"),
+    parameter("friction.gear_load_rise", "1", 0.0, 2.0, "rise of the ratio m from small to stall torque, c"),
     parameter("friction.gear_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction of the gear at the output"),
-    parameter("friction.stribeck_share", "1", 0.0, 10.0, "dry friction at rest over that of fast motion, less 1, s"),
-    parameter("friction.stribeck_speed", "rad/s", 1e-4, 1e4, "speed of the output at which 37 % of that are left, w_s"),
+    parameter("friction.stribeck_share", "1", 0.0, 10.0,
+              "excess of dry friction at rest, as a share of that in fast motion, s"),
+    parameter("friction.stribeck_speed", "rad/s", 1e-4, 1e4,
+              "speed of the output at which 37 % of the excess are left, w_s"),
     *groups.HINGE_FRICTION.parameters), (
     Output(real_output("gear_torque", "N.m", "torque from the gear to the fin", 10.0),
            lambda ops, p, m: servo.gear_torque(ops, p, m.x, m.u)),),
@@ -102,13 +104,13 @@ FAULTS = (
                lambda ops, p, amounts: {"gear.stiffness": 0.0, "gear.damping": 0.0}, lasting=True),
     PlantFault("worn_gear", "the gear's play grows by wear",
                lambda ops, p, amounts: {"gear.backlash": p.gear.backlash + amounts.angle},
-               (tunable("angle", "rad", 0.0, 0.5, "by which the whole play grows"),), lasting=True),
+               (tunable("angle", "rad", 0.0, 0.5, "growth of the whole play"),), lasting=True),
     PlantFault("demagnetised", "the magnets have permanently lost a share of their flux", lambda ops, p, amounts: {
         "motor.stall_torque": amounts.share * p.motor.stall_torque,
         "motor.no_load_speed": p.motor.no_load_speed / amounts.share}, (
-            tunable("share", "1", 0.01, 1.0, "of the flux that is left"),), lasting=True),
+            tunable("share", "1", 0.01, 1.0, "share of the flux that is left"),), lasting=True),
     PlantFault.scaling("dry_gear", "the gear runs without grease",
-                       tunable("factor", "1", 1.0, 100.0, "by which its friction rises"), "friction.gear",
+                       tunable("factor", "1", 1.0, 100.0, "factor by which the gear's friction rises"), "friction.gear",
                        "friction.gear_load", "friction.gear_load_rise"),
 )
 
@@ -119,7 +121,7 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
 
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-    """Return the duty cycle and the firmware's states; a disabled firmware forgets its integral."""
+    """Return the duty cycle and the firmware's states; a disabled firmware resets its integral."""
     out = firmware.sample(ops, p, x.integral, x.counts, inputs.position, inputs.command, inputs.ahead)
     on = {"reference": out.duty, "limited": out.limited, "integral": out.integral}
     return {**{name: ops.where(inputs.enable, value, 0.0) for name, value in on.items()}, "counts": out.counts,
@@ -127,17 +129,20 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 
 
 def feed_forward(ops: Ops, p: Any, motion: Motion, memory: Value) -> tuple[Ahead, Value, Value]:
-    """Return the PWM that causes a motion of the fin at the nominal voltage, with a stiff gear; no memory."""
+    """Return the feed-forward of a motion of the fin, counts of PWM, at the nominal voltage and with a stiff gear.
+
+    The memory is unchanged; the third value is the transport delay [s].
+    """
     speed = 0.5 * (motion.rate + motion.next_rate)
     inertia = p.inertia.motor * p.gear.ratio * p.gear.ratio + fin_port.hinge_inertia(p)
     torque = inertia * motion.acceleration + (p.friction.gear_viscous + p.friction.fin_viscous) * speed
-    damped = p.controller.kd * speed / firmware.count(p) / p.pwm.full  # by the firmware's derivative gain
+    damped = p.controller.kd * speed / firmware.count(p) / p.pwm.full  # compensates the firmware's derivative gain
     duty = torque / p.motor.stall_torque + speed / p.motor.no_load_speed + damped
     return Ahead(speed, p.pwm.full * duty), memory, p.drive.transport_delay
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of motor and fin; the motor turns as the fin does, also in a vehicle that turns."""
+    """Return d/dt of the states of motor and fin; the vehicle's angular acceleration about the hinge acts on both."""
     torque = servo.gear_torque(ops, p, x, u)
     motor = (servo.motor_torque(ops, p, x, u) - torque - u.gear_friction
              - p.friction.gear_viscous * servo.output_speed(p, x))
@@ -161,10 +166,10 @@ ACTUATOR = Actuator(
     controllers_read=(),
     reference_output="duty",
     states=(*FIN, State("motor_angle", "rad"), State("motor_speed", "rad/s")),
-    controller_states=(State("integral", "1", "counts of PWM"),
-                       State("counts", "1", "of the encoder at the last frame")),
+    controller_states=(State("integral", "1", "integral of the firmware, counts of PWM"),
+                       State("counts", "1", "counts of the encoder at the last frame")),
     supply=Supply(interface.SUPPLY_VOLTAGE, interface.SUPPLY_POWER),
-    descriptions={"enable": "false opens the servo's bridge: the fin is driven by loads and friction only",
+    descriptions={"enable": "false opens the servo's bridge: only loads and friction move the fin",
                   "supply_voltage": "voltage that feeds the servo"},
     initial=initial,
     sample=sample,

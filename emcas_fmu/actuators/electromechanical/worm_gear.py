@@ -1,4 +1,4 @@
-"""The worm-gear actuator: motor and drive of the nonlinear one, a worm and its wheel instead of screw and lever.
+"""The worm-gear actuator: motor and drive of the nonlinear actuator, with worm and wheel instead of screw and lever.
 
     J_r dw/dt = T_m - C_m sgn w - b_m w - e L           theta = N fin_angle
     L = (J_f/N^2) dw/dt + (C_f/N) sgn w + b_f w/N^2 - T_f/N        e = 1/eta_f where L w > 0, else eta_b
@@ -29,19 +29,19 @@ from .rules import MOST_JAMMING
 WORM = Group((*in_group(
     "worm",
     integer_parameter("starts", 1, 12, "starts of the worm, z_1", sheet="gear: starts of the worm"),
-    integer_parameter("teeth", 10, 1000, "teeth of the whole wheel, z_2; the ratio is teeth/starts",
+    integer_parameter("teeth", 10, 1000, "teeth of the full wheel, z_2; the gear ratio is teeth/starts",
                       sheet="gear: teeth of the wheel, as if whole"),
-    parameter("diameter_quotient", "1", 4.0, 40.0, "pitch diameter of the worm over its module, q",
-              sheet="gear: diameter quotient q, pitch diameter of the worm over its module"),
+    parameter("diameter_quotient", "1", 4.0, 40.0, "ratio of the worm's pitch diameter to its module, q",
+              sheet="gear: diameter quotient q, ratio of the worm's pitch diameter to its module"),
     parameter("module", "m", 1e-4, 0.1, "module in the worm's axial section, m", sheet="gear: axial module"),
     parameter("pressure_angle", "rad", radians(5.0), radians(45.0), "pressure angle in the normal section",
               sheet="gear: pressure angle"),
     parameter("friction", "1", 0.0, 1.0, "friction coefficient of the flanks in motion, mu",
               sheet="gear: friction coefficient, or from the efficiency"),
-    parameter("static_ratio", "1", 1.0, 10.0, "friction coefficient at rest over that in motion, s (1: it does not "
-              "depend on the speed)"),
+    parameter("static_ratio", "1", 1.0, 10.0, "ratio of the friction coefficient at rest to that in motion, s (1: "
+              "independent of the speed)"),
     parameter("stribeck_speed", "m/s", 1e-3, 100.0, "sliding speed of the flanks at which the excess of friction at "
-              "rest has fallen to 1/e of itself, v_s")),
+              "rest has fallen to 37 %, v_s")),
     parameter("inertia.worm", "kg.m2", 0.0, 10.0, "inertia of worm and coupling about the motor's axis",
               sheet="gear: inertia of worm and coupling")),
     (Output(real_output("worm_loss", "W", "power that the loaded worm turns into heat", 100.0, minimum=0.0),
@@ -53,7 +53,7 @@ WORM = Group((*in_group(
 
 
 COMPOSITION = interface.composed(nonlinear.moment, *groups.with_gear(WORM, "worm wheel"))
-# Longest tick [s] with friction that falls with the speed: from 0.15 at rest to 0.04 the reference cases then agree
+# Longest tick [s] with friction that falls with the speed. With a fall from 0.15 to 0.04 the reference cases agree
 # within 0.0011 deg.
 _FALLING = 2.5e-4
 
@@ -61,7 +61,7 @@ _FALLING = 2.5e-4
 def geared(_: Ops, p: Any) -> Any:
     """Return the parameters of an equivalent screw of ratio N without lever, with the flanks' friction as built.
 
-    A second call returns the same.
+    Applied to its own result it changes nothing.
     """
     return with_values(COMPOSITION.completed(p, (groups.LEVER, groups.SCREW)), {
         "kinematics.moment_arm": worm.ratio(p), "screw.lead": 1.0, "inertia.screw": p.inertia.worm,
@@ -69,15 +69,16 @@ def geared(_: Ops, p: Any) -> Any:
 
 
 def _dry(ops: Ops, p: Any, amounts: Any) -> Values:
-    """Return a higher friction, with which the motor still turns the loaded worm."""
+    """Return a higher friction coefficient, up to the largest with which a motor turns the loaded worm."""
     return {"worm.friction": ops.minimum(amounts.factor * p.worm.friction, _most(ops, p) / p.worm.static_ratio)}
 
 
 FAULTS = (
     PlantFault.scaling("lost_lock", "vibration reduces the flanks' friction: a load may drive the worm",
-                       tunable("share", "1", 0.01, 1.0, "of the friction coefficient that is left"), "worm.friction"),
+                       tunable("share", "1", 0.01, 1.0, "share of the friction coefficient that is left"),
+                       "worm.friction"),
     PlantFault("dry_flanks", "the flanks have permanently lost their oil: friction rises", _dry, (
-        tunable("factor", "1", 1.0, 3.0, "by which it rises"),), lasting=True),
+        tunable("factor", "1", 1.0, 3.0, "factor by which friction rises"),), lasting=True),
 )
 
 
@@ -114,8 +115,8 @@ ACTUATOR = COMPOSITION.over(
     nonlinear.ACTUATOR, geared, RULES,
     name="worm-gear",
     title="electromechanical actuator with a worm gear: constant ratio, losses of the loaded worm, self-locking",
-    origin="The kind is that of section 1.1.1.3 of Ü. Yerlikaya, Dynamic modeling and control of an electromechanical "
-           "control actuation system, M.S. thesis, METU, 2016, which describes its structure without numbers; motor, "
+    origin="Section 1.1.1.3 of Ü. Yerlikaya, Dynamic modeling and control of an electromechanical control actuation "
+           "system, M.S. thesis, METU, 2016, describes the structure of this actuator, without numbers; motor, "
            "drive and loops are those of the thesis's actuator. Numbers are engineering estimates, marked as such.",
     descriptions={name: text.replace("screw", "worm") for name, text in interface.INPUT_DESCRIPTIONS.items()},
     structure=Structure(constant_ratio=True, screw_losses=True, worm=True),

@@ -1,4 +1,4 @@
-"""The worm-gear actuator with a compliant mesh that has backlash: worm and fin have an angle each.
+"""The worm-gear actuator with a compliant mesh and backlash: worm and fin have an angle each.
 
 A worm is a screw on the rim of its wheel: its lead per radian is m z_1/2, the lever is m z_2/2, m the module. Worm,
 flanks and wheel are compliant in series as screw, flanks and fork in
@@ -8,7 +8,7 @@ the load of the worm:
     J_r dw/dt = T_m - C_m sgn w - b_m w - e T        e = 1/eta_f where T w > 0, else eta_b
 
 Without compliance it is :mod:`emcas_fmu.actuators.electromechanical.worm_gear`. The flanks' friction is set-valued at
-rest: a self-locking worm is at rest whatever the mesh transmits, while the fin swings and rattles behind it.
+rest: a self-locking worm stays at rest whatever torque the mesh transmits, while the fin may swing and rattle.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ COMPOSITION = interface.composed(
 def geared(ops: Ops, p: Any) -> Any:
     """Return the parameters of an equivalent screw on the rim of the wheel, with the flanks' friction as built.
 
-    Shaft and worm are rigid in torsion: twist in front of the flanks would not be subject to their friction. A second
-    call returns the same.
+    Shaft and worm are rigid in torsion, as the flanks' friction does not act on a twist in front of them. Applied to
+    its own result it changes nothing.
     """
     lead = 0.5 * p.worm.module * p.worm.starts
     return with_values(COMPOSITION.completed(worm_gear.geared(ops, p), (elastic.TORSIONAL,)), {
@@ -51,7 +51,8 @@ def geared(ops: Ops, p: Any) -> Any:
 
 
 def longest_tick(ops: Ops, p: Any) -> Value:
-    """Return the largest tick [s]: with a rigid mesh, or a shorter one in which a locked worm has one acceleration."""
+    """Return the largest tick [s]: that of a rigid mesh, or a shorter one in which a locked worm's acceleration is
+    unique."""
     of_rigid, p = worm_gear.longest_tick(ops, p), geared(ops, p)
     line = drive_line.line(ops, p, 0.0)
     return ops.minimum(of_rigid, elastic_stepper.longest_step(ops, p, line, MOST_JAMMING))

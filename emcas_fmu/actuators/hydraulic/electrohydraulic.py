@@ -3,11 +3,12 @@
 Cylinder: :mod:`emcas_fmu.physics.cylinder`, valve: :mod:`emcas_fmu.physics.servovalve`, position loop:
 :mod:`emcas_fmu.control.fluid_power`. The loop's speed reference, relative to the speed with the open valve at its rated
 pressure, is the valve's command. Without `enable` the valve centres itself, and the oil in the chambers holds the fin.
-A check valve refills a chamber below the tank's pressure. Where it cannot do so in time, a void forms: the pressure
-stays 0, until more oil flows in than the piston sweeps; the void's volume is then neglected.
+A check valve refills a chamber below the tank's pressure. If it cannot do so in time, a void forms: the pressure stays
+0 until the inflow exceeds the volume that the piston sweeps. The volume of the void is neglected.
 
-Events (:mod:`emcas_fmu.steppers.events`): the fin starts, comes to rest or meets a stop, the spool meets its stroke or
-its largest speed, a check valve opens or closes, a void forms. The end of a void is not an event: nothing jumps there.
+Events (:mod:`emcas_fmu.steppers.events`): the fin starts, comes to rest or meets a stop, the spool reaches the end of
+its stroke or its largest speed, a check valve opens or closes, a void forms. The end of a void is not an event, as no
+rate jumps there.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ from . import fin, interface
 SUPPLY_PRESSURE = real_input("supply_pressure", "Pa", "pressure of the line that feeds the valve", minimum=0.0,
                              maximum=1e9, nominal=1e7, start=None, key="hydraulic_supply.pressure",
                              sheet="supply: line pressure")
-SUPPLY_POWER = real_output("supply_power", "W", "hydraulic power drawn from the pressure line", 1000.0)
-VALVE = (State("spool_position", "1", "of its stroke"), State("spool_speed", "1/s"))
+SUPPLY_POWER = real_output("supply_power", "W", "hydraulic power from the pressure line", 1000.0)
+VALVE = (State("spool_position", "1", "as a share of the stroke"), State("spool_speed", "1/s", "strokes per second"))
 _DELAY = Group(fin_port.described({"drive.transport_delay": "delay from a sample to the coil of the valve"},
                                   groups.DELAY.parameters))
 _VALVE = Group((
@@ -49,16 +50,16 @@ _VALVE = Group((
               sheet="servovalve: damping ratio of the spool"),
     parameter("valve.stroke_time", "s", 1e-5, 10.0, "least time from the centre to the end of the stroke",
               sheet="servovalve: least time to full stroke", display="ms"),
-    parameter("valve.lap", "1", 0.0, 1.0, "rounding of the edges, as an underlap, of the stroke: the larger, the more "
-              "leaks at null"),
+    parameter("valve.lap", "1", 0.0, 1.0, "underlap of the rounded edges, as a share of the stroke; it causes the "
+              "leakage at null"),
     parameter("valve.laminar_pressure", "Pa", 1.0, 1e8, "pressure drop below which an edge's flow is laminar"),
-    parameter("valve.null_shift", "1", -2.0, 2.0, "position of the spool without a command, of its stroke; 2: at its "
-              "end whatever the command")), (
-    Output(real_output("valve_reference", "1", "commanded position of the spool, of its stroke", 1.0, minimum=-1.0,
+    parameter("valve.null_shift", "1", -2.0, 2.0, "spool position without a command, as a share of the stroke (2: at "
+              "its end at any command)")), (
+    Output(real_output("valve_reference", "1", "commanded spool position, as a share of the stroke", 1.0, minimum=-1.0,
                        maximum=1.0), lambda ops, p, m: m.u.sampled_reference),
-    Output(real_output("valve_position", "1", "position of the spool, of its stroke", 1.0, minimum=-1.0, maximum=1.0),
-           lambda ops, p, m: m.x.spool_position),
-    Output(real_output("supply_flow", "m3/s", "flow drawn from the pressure line", 1e-4))),
+    Output(real_output("valve_position", "1", "spool position, as a share of the stroke", 1.0, minimum=-1.0,
+                       maximum=1.0), lambda ops, p, m: m.x.spool_position),
+    Output(real_output("supply_flow", "m3/s", "flow from the pressure line", 1e-4))),
     deviations=(deviations.RATED_FLOW,), terminal="hydraulics",
     imperfections={"null of the valve": {"valve.null_shift": 0.0}})
 _POWER = Group(outputs=(Output(SUPPLY_POWER, lambda ops, p, m: m.u.supply * m.supply_flow),), terminal="",
@@ -68,14 +69,14 @@ FAULTS = (
                lambda ops, p, amounts: {"valve.null_shift": 2.0}),
     PlantFault("silting", "dirt in the valve shifts its null and fills its clearance", lambda ops, p, amounts: {
         "valve.null_shift": p.valve.null_shift + amounts.shift, "valve.lap": amounts.lap}, (
-            tunable("shift", "1", -2.0, 2.0, "shift of the null, of the stroke"),
-            tunable("lap", "1", 0.0, 1.0, "valve.lap that is left"))),
+            tunable("shift", "1", -2.0, 2.0, "shift of the null, as a share of the stroke"),
+            tunable("lap", "1", 0.0, 1.0, "value of valve.lap under the fault"))),
     PlantFault.scaling("internal_leakage", "the seal of the piston leaks more",
-                       tunable("factor", "1", 1.0, 1e4, "of the leakage across the piston"),
+                       tunable("factor", "1", 1.0, 1e4, "factor by which the leakage across the piston rises"),
                        "cylinder.internal_leakage"),
     PlantFault.scaling("air", "air in the oil makes it softer", interface.AIR, "oil.bulk_modulus"),
 )
-_AT = 1.0 - 1e-12  # ratio to the spool's largest speed at which it is at the limit, despite rounding
+_AT = 1.0 - 1e-12  # share of the spool's largest speed from which it is at the limit, despite rounding
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
@@ -84,7 +85,7 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
 
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-    """Return the reference and states of the controller after a sample; it is held in reset while disabled."""
+    """Return the reference and the states of the controller after a sample; while disabled they are held in reset."""
     measured = fluid_power.measured(ops, p, inputs.position)
     full = p.valve.rated_flow / p.cylinder.area  # piston speed [m/s] with the open valve at its rated pressure
     out = fluid_power.sample(ops, p, x.integral, x.piston, measured, inputs.command, full, inputs.ahead)
@@ -96,9 +97,10 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 
 
 def feed_forward(ops: Ops, p: Any, motion: Motion, memory: Value) -> tuple[Ahead, Value, Value]:
-    """Return the speed reference of a motion, no memory, and the drive's delay with the lag of the spool [s].
+    """Return the feed-forward of a motion of the fin, the unchanged memory, and the delay [s] with the spool's lag.
 
-    It is that at the valve's rated pressure: without load the drop at an edge is that from the start pressure to tank.
+    The speed [m/s] is that at the rated pressure: without load the drop at an edge is the start pressure less the
+    tank's.
     """
     share = ops.sqrt(0.5 * p.valve.rated_pressure / ops.maximum(p.cylinder.start_pressure - p.tank.pressure, 1.0))
     speed = share * fluid_power.piston_motion(ops, p, motion)[0]
@@ -132,7 +134,7 @@ def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states, with a fin that moves without dry friction, and a valve within its limits."""
+    """Return d/dt of the states, without dry friction of the fin and with a valve within its limits."""
     p = as_built(ops, p)
     c = cylinder.linkage(ops, p, x.fin_angle, u)
     return _rates(ops, p, x, u, Record(linkage=c._replace(dry=0.0), fin=fin.FREE,
@@ -184,14 +186,14 @@ ACTUATOR = Actuator(
     **COMPOSITION.declared(hydraulics="cylinder and valve"),
     name="electrohydraulic",
     title="electrohydraulic actuator: pressure line, servovalve, cylinder, lever and fin",
-    origin="The structure is that of section 1.1.3 of the thesis of Yerlikaya (2016), which gives no numbers: every "
-           "value is an engineering estimate.",
+    origin="Section 1.1.3 of the thesis of Yerlikaya (2016) describes the structure, without numbers: every value is "
+           "an engineering estimate.",
     controllers_read=(),
     reference_output="valve_reference",
     states=(*FIN, *interface.CHAMBERS, *VALVE),
     controller_states=interface.CONTROLLER,
     supply=Supply(SUPPLY_PRESSURE, SUPPLY_POWER),
-    descriptions={"enable": "false: the valve centres itself, and the fin is held by the oil in the chambers"},
+    descriptions={"enable": "false: the valve centres itself, and the oil in the chambers holds the fin"},
     as_built=as_built,
     reference="emcas_fmu.reference.electrohydraulic",
     initial=initial,

@@ -2,14 +2,14 @@
 
 Pump and valves: :mod:`emcas_fmu.physics.pump`, cylinder: :mod:`emcas_fmu.physics.cylinder`, motor and drive:
 :mod:`emcas_fmu.physics.drive`. The position loop (:mod:`emcas_fmu.control.fluid_power`) uses the transducer of the fin,
-as a pump that leaks keeps turning under load; its speed reference of the piston is that of a pump without leakage. The
-velocity loop uses the motor's speed from an ideal resolver:
+as a pump that leaks keeps turning under load. The velocity loop uses the motor's speed from an ideal resolver; its
+reference follows from that of the piston's speed as in a pump without leakage:
 
     w_ref = A/D v_ref        u = clip(K_v (w_ref - w) + u_fc, +-u_max)
 
-The position loop's integral is also held while the drive cannot follow u. u_fc feeds forward the Coulomb friction of
-pump, piston and fin at the motor without load (:func:`emcas_fmu.control.controllers.fed_forward`), as no pressure is
-measured.
+The position loop's integral is also held while the drive cannot follow u. u_fc is the feed-forward of the Coulomb
+friction of pump, piston and fin (:func:`emcas_fmu.control.controllers.fed_forward`), that without load, as no pressure
+is measured.
 
 Without `enable` the bridge opens, and friction and leakage of the pump hold the fin, unless the bypass valve opens.
 
@@ -38,7 +38,7 @@ from ..electromechanical import groups, nonlinear, plausibility
 from ..electromechanical import interface as electromechanical
 from . import fin, interface
 
-_ROUNDING = 1e-9  # V
+_ROUNDING = 1e-9  # V: a smaller part of the reference beyond a limit is rounding
 _LOOPS = Group(
     only(nonlinear.COMPOSITION.parameters, "drive.current_", "drive.k", "drive.reference_limit",
          "controller.velocity.kp", "controller.speed_limit"), groups.CURRENT_LOOP.outputs, provides=(
@@ -46,11 +46,11 @@ _LOOPS = Group(
 _PUMP = Group((
     parameter("pump.displacement", "m3/rad", 1e-10, 1e-3, "displacement of the pump per radian, D_p",
               sheet="pump: displacement per revolution"),
-    parameter("pump.leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of the pump from side to side, xi_p",
+    parameter("pump.leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of the pump between its sides, xi_p",
               sheet="pump: leakage over pressure, from the volumetric efficiency"),
     parameter("pump.case_leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of each side to the case, C_ep"),
     parameter("pump.coulomb_friction", "N.m", 0.0, 1e3, "dry friction of pump and motor without pressure, T_c"),
-    parameter("pump.pressure_friction", "N.m/Pa", 0.0, 1e-3, "dry friction for each unit of pressure difference, k"),
+    parameter("pump.pressure_friction", "N.m/Pa", 0.0, 1e-3, "dry friction per pressure difference, k"),
     parameter("pump.viscous_friction", "N.m.s/rad", 0.0, 10.0, "viscous friction of pump and motor, B_m"),
     parameter("reservoir.pressure", "Pa", 0.0, 1e8, "absolute pressure of reservoir and case, p_a",
               sheet="reservoir: charge pressure, absolute"),
@@ -59,27 +59,27 @@ _PUMP = Group((
               sheet="relief valve: setting"),
     parameter("relief_valve.conductance", "m3/(s.Pa)", 0.0, 1e-6, "conductance of an open relief valve, K_rv"),
     parameter("bypass_valve.conductance", "m3/(s.Pa)", 0.0, 1e-6, "conductance of the open bypass valve"),
-    tunable("bypass_valve.opening", "1", 0.0, 1.0, "share by which the bypass valve is open (0: closed)"),
-    switch("bypass_valve.opens_disabled", "true: the bypass valve opens while the drive is disabled, and the fin "
-           "yields"),
-    parameter("oil.cavitation_pressure", "Pa", 0.0, 1e6, "absolute pressure at which a void opens in the oil"),
+    tunable("bypass_valve.opening", "1", 0.0, 1.0, "opening of the bypass valve (0: closed, 1: fully open)"),
+    switch("bypass_valve.opens_disabled", "true: the bypass valve opens while the drive is disabled, and loads move "
+           "the fin"),
+    parameter("oil.cavitation_pressure", "Pa", 0.0, 1e6, "absolute pressure at which a void forms in the oil"),
     parameter("oil.cavitated_modulus", "Pa", 1.0, 1e9, "bulk modulus of a chamber with a void",
               quantity="BulkModulus")))
-_SEIZED = 1e6  # N.m, of dry friction: nothing turns the pump
+_SEIZED = 1e6  # N.m: dry friction of a pump that nothing turns
 
 FAULTS = (
     PlantFault.scaling("leakage", "seals of pump and piston are worn",
-                       tunable("factor", "1", 1.0, 1e4, "by which leakage rises"),
+                       tunable("factor", "1", 1.0, 1e4, "factor by which leakage rises"),
                        "pump.leakage", "pump.case_leakage", "cylinder.internal_leakage"),
     PlantFault.scaling("reservoir_loss", "the reservoir has permanently lost its pressure",
-                       tunable("share", "1", 0.0, 1.0, "of its pressure that is left"), "reservoir.pressure",
+                       tunable("share", "1", 0.0, 1.0, "share of the pressure that is left"), "reservoir.pressure",
                        lasting=True),
     PlantFault.scaling("air", "there is air in the oil", interface.AIR, "oil.bulk_modulus"),
     PlantFault.scaling("relief_open", "the relief valves open too early",
-                       tunable("share", "1", 0.0, 1.0, "of their setting that is left"), "relief_valve.pressure"),
+                       tunable("share", "1", 0.0, 1.0, "share of the setting that is left"), "relief_valve.pressure"),
     PlantFault("bypass_open", "the bypass valve is open", lambda ops, p, amounts: {
         "bypass_valve.opening": amounts.share,
-    }, (tunable("share", "1", 0.0, 1.0, "by which it is open"),)),
+    }, (tunable("share", "1", 0.0, 1.0, "opening of the bypass valve"),)),
     PlantFault("pump_seized", "rotor and pump are seized", lambda ops, p, amounts: {
         "pump.coulomb_friction": _SEIZED,
     }),
@@ -92,7 +92,7 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
 
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-    """Return the reference and states of the controllers after a sample; they are held in reset while disabled."""
+    """Return the reference and the states of the controllers after a sample; while disabled they are held in reset."""
     measured = fluid_power.measured(ops, p, inputs.position)
     at_rest = fluid_power.at_rest(ops, p, measured)
 
@@ -106,7 +106,7 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
         raw = added(ops, raw, inputs.ahead, "reference")
         largest = p.drive.reference_limit
         reference = ops.clip(raw, -largest, largest)
-        # The part of the reference beyond the limits of DAC or current.
+        # The part of the reference that is beyond the limit of DAC or current.
         beyond = raw - drive.followed(ops, p, reference)
         held = ops.both(ops.fabs(beyond) > _ROUNDING, beyond * (out.integral - x.integral) > 0.0)
         limited = ops.either(out.limited > 0.0, ops.fabs(raw) > largest)
@@ -118,7 +118,7 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 
 
 def feed_forward(ops: Ops, p: Any, motion: Motion, integral: Value) -> tuple[Ahead, Value, Value]:
-    """Return the feed-forward of a motion of the fin, with stiff oil; see :func:`.controllers.feed_forward`."""
+    """Return the feed-forward of a motion of the fin with stiff oil, as :func:`.controllers.feed_forward` does."""
     per_speed = p.pump.displacement / p.cylinder.area
     piston, piston_acceleration = fluid_power.piston_motion(ops, p, motion)
     speed, acceleration = piston / per_speed, piston_acceleration / per_speed
@@ -138,7 +138,7 @@ def _dry_at_motor(ops: Ops, p: Any, fin_angle: Value) -> Value:
 
 
 def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
-    """Return the mode of a step of `h` [s]; its linkage is that of mid-step."""
+    """Return the mode of a step of `h` [s], with the linkage of mid-step."""
     linkage, motion = fin.mode(ops, p, x, u, h)
     drop = x.pressure_1 - x.pressure_2
     driving, dry = pump.driving(p, x.motor_current, drop), pump.dry(ops, p, drop)
@@ -170,7 +170,7 @@ def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states, moving without dry friction, with closed valves and the drive within its limits."""
+    """Return d/dt of the states, without dry friction, with closed valves and the drive within its limits."""
     p = as_built(ops, p)
     smooth = with_values(p, {"pump.coulomb_friction": 0.0, "pump.pressure_friction": 0.0})
     m = Record(linkage=cylinder.linkage(ops, p, x.fin_angle, u)._replace(dry=0.0), fin=fin.FREE, shaft=fin.FREE,
@@ -192,7 +192,8 @@ def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
     def borne(pressure: Value, void: Value) -> Value:
-        # A void begins at no volume: with its modulus an overshoot of the pressure would be thousands of times as much.
+        # A void begins at zero volume: under its modulus an overshoot of the pressure would be thousands of times as
+        # much.
         return ops.where(void, pressure, ops.maximum(pressure, p.oil.cavitation_pressure))
 
     shaft = ops.both(ops.negate(ops.equal(m.shaft.direction, 0.0)), events["shaft"])
@@ -225,14 +226,14 @@ ACTUATOR = replace(
          plausibility.plausible_winding(lambda p: p.inertia.motor)), motor="motor and drive", hydraulics="cylinder"),
     name="electrohydrostatic",
     title="electrohydrostatic actuator: servomotor, pump, cylinder, lever and fin",
-    origin="The structure is that of section 1.1.2 of the thesis of Yerlikaya (2016), which gives no numbers: motor, "
-           "drive and supply are those of the electromechanical actuator, all other values are engineering estimates.",
+    origin="Section 1.1.2 of the thesis of Yerlikaya (2016) describes the structure, without numbers: motor, drive and "
+           "supply are those of the electromechanical actuator, all other values are engineering estimates.",
     states=(*FIN, *interface.CHAMBERS, State("motor_speed", "rad/s"), *electromechanical.DRIVE),
     controller_states=interface.CONTROLLER,
     encoder=("fin_angle", "fin_rate"),
     controllers_read=("motor_speed",),
-    descriptions={"enable": "false opens the drive's bridge: the fin is held by friction and leakage of the pump, "
-                            "unless the bypass valve opens"},
+    descriptions={"enable": "false opens the drive's bridge: friction and leakage of the pump hold the fin, unless the "
+                            "bypass valve opens"},
     faults=FAULTS,
     as_built=as_built,
     initial=initial,

@@ -10,11 +10,11 @@ from ...physics import cylinder, stick
 from ..declaration import PlantInputs, Values
 
 FREE = stick.Slide(1.0, 0.0, 0.0)
-"""A fin that moves, for smooth equations."""
+"""The motion of a fin without dry friction, for smooth equations."""
 
 
 def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[cylinder.Linkage, stick.Slide]:
-    """Return linkage and motion of the fin for a step of `h` [s]; the linkage is that of mid-step."""
+    """Return the linkage at mid-step and the motion of the fin for a step of `h` [s]."""
     stop = p.fin.stop_angle
     linkage = cylinder.linkage(ops, p, ops.clip(x.fin_angle + 0.5 * h * x.fin_rate, -stop, stop), u)
     torque = cylinder.pressing(p, linkage, x.pressure_1, x.pressure_2)
@@ -22,7 +22,7 @@ def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[cylinde
 
 
 def rates(ops: Ops, p: Any, x: Record, m: Record) -> Values:
-    """Return d/dt of the fin's states in a mode with `linkage` and motion of the `fin`."""
+    """Return d/dt of the fin's states in a mode `m`, which has the results of :func:`mode` as `linkage` and `fin`."""
     acceleration = cylinder.acceleration(p, m.linkage, x.fin_rate, x.pressure_1, x.pressure_2,
                                          m.fin.direction * m.linkage.dry)
     return {"fin_angle": x.fin_rate, "fin_rate": stick.moves(ops, m.fin, acceleration)}
@@ -36,7 +36,7 @@ def margins(ops: Ops, p: Any, x: Record, m: Record) -> Values:
 
 
 def landed(ops: Ops, p: Any, begin: Record, x: Record, m: Record, events: Values) -> Values:
-    """Return the fin's states at the end of a step from `begin`, at rest or at a stop where that was the event."""
+    """Return the fin's states at the end of a step from `begin`, at rest or at a stop if that is what ended it."""
     angle, rate = stick.landed(ops, m.fin, p.fin.stop_angle, (begin.fin_angle, begin.fin_rate),
                                (x.fin_angle, x.fin_rate), events["fin"], events["stop"])
     return {"fin_rate": rate, "fin_angle": angle}
