@@ -223,7 +223,7 @@ def test_a_unit_shows_what_is_declared(unit: FmuInterface, built: Mapping[str, P
     for v in unit.actuator.further_inputs:
         assert v.name in page
     assert "supply_voltage" not in page
-    assert "across the screw" not in page  # as the shipped note of the fork's centre of mass says
+    assert "perpendicular to the screw" not in page  # as the shipped note of the fork's centre of mass says
 
 
 _row = st.tuples(st.floats(-0.5, 0.5), st.floats(-150.0, 150.0), st.sampled_from([True, True, False]),

@@ -228,7 +228,7 @@ def test_refusals() -> None:
                             (["--duration", "1e-9 s"], "must be from"), (["--duration", "inf s"], "--duration inf s"),
                             (["--model", "linear+heat"],
                              "an envelope needs a limit of the motor current; linear+heat has none; choose nonlinear, "
-                             "elastic, habibi, worm-gear, worm-gear-elastic, series-clutch have"),
+                             "elastic, habibi, worm-gear, worm-gear-elastic or series-clutch"),
                             (["--model", "ristanovic+heat+faults"],
                              "an envelope needs a limit of the motor current; ristanovic+heat+faults has none"),
                             (["--model", "ozkan+heat"],
