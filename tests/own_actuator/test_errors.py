@@ -70,7 +70,8 @@ _OTHER_SUPPLY = "em.Supply({}, {}, inverse_inductance="
     ((_SUPPLY, _OTHER_SUPPLY.format('em.real_input("supply_voltage", "V", "")', "MOTOR_VOLTAGE")), "    supply=",
      "declare supply_power [W]"),
     (("outputs=(MOTOR_CURRENT,", 'outputs=(em.real_output("fin_angle", "deg", "angle", 1.0), MOTOR_CURRENT,'),
-     "ACTUATOR = em.Actuator(", "fin_angle of the fin port is Real [rad], not Real [deg]; leave yours out, or rename it"),
+     "ACTUATOR = em.Actuator(", "fin_angle of the fin port is Real [rad], not Real [deg]; "
+     "leave yours out, or rename it"),
     (("parameters=PARAMETERS", 'parameters=(*PARAMETERS, em.parameter("mass.fin", "g", 0.0, 1e6, ""))'),
      "ACTUATOR = em.Actuator(", "mass.fin of the fin port is Real [kg], not Real [g]"),
     (("controller_states=(em.State(\"integral\", \"V\"),)", 'controller_states=(em.State("integral", "V"))'),
