@@ -46,6 +46,7 @@ _ALONE = {"controller.position.setpoint_weight": 1.0, "controller.position.veloc
 """Parameters of controllers that follow a motion with its rate fed forward at every sample."""
 _INTEGRAL = "controller.position.ki"
 _INTEGRALS = (_INTEGRAL, "controller.velocity.ki")
+_NONE = 1e-12  # lost share up to which a motion is not slowed down; a solved rest has rounding errors
 _STILL = 0.5  # lost share of a motion above which the fin hardly moves, and its error is integrated
 
 
@@ -91,8 +92,8 @@ def _sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
         followed = trajectory.delayed(ops, time / p.controller.sample_time, angles)
         # While a motion slows down, nothing is fed forward and the distance to it is not integrated.
         before = x.trajectory_lost
-        inputs = inputs.replace(ahead=ahead._replace(active=ops.both(follows, ops.equal(before, 0.0))))
-        held = ops.both(on, ops.both(before > 0.0, before < _STILL))
+        inputs = inputs.replace(ahead=ahead._replace(active=ops.both(follows, before <= _NONE)))
+        held = ops.both(on, ops.both(before > _NONE, before < _STILL))
         q = _changed(ops, q, actuator, held, dict.fromkeys(_INTEGRALS, 0.0))
     followed = ops.clip(followed, -limit, limit)
     out = actuator.sampled(ops, q, x, inputs.replace(command=ops.where(on, followed, inputs.command)))

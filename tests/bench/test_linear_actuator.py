@@ -11,6 +11,7 @@ import pytest
 
 from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.bench.linear.frequency import evaluate
+from emcas_fmu.parameters import load_parameters
 
 Values = Mapping[str, Any]
 HERTZ = np.array([0.3, 3.0, 30.0, 120.0])
@@ -54,6 +55,25 @@ def test_the_loops_do_not_depend_on_the_setpoint_weight(values: Values, linear: 
     for name in ("current", "velocity", "position", "reference"):
         np.testing.assert_allclose(evaluate(other.loop(name), HERTZ), evaluate(linear.loop(name), HERTZ), rtol=1e-9)
     assert np.abs(evaluate(other.command_to_angle, HERTZ[1:2])) < np.abs(evaluate(linear.command_to_angle, HERTZ[1:2]))
+
+
+@pytest.mark.parametrize("loop", ["velocity", "position"])
+def test_a_trajectory_generator_is_in_no_loop(values: Values, linear: LinearActuator, loop: str) -> None:
+    base = load_parameters("two-degrees-of-freedom")
+    generated = base.with_values({name: values[name] for name in values if name.startswith("controller.")})
+    generated = generated.with_values({"filters.speed_bandwidth": 0.0, "filters.notch_frequency": 0.0})
+    assert generated.values["trajectory.natural_frequency"] > 0.0
+    other = LinearActuator(generated.values, model=generated.model)
+    # Within the rounding of two solutions at rest.
+    assert evaluate(other.loop(loop), HERTZ) == pytest.approx(evaluate(linear.loop(loop), HERTZ), rel=1e-6)
+
+
+def test_the_integral_acts_behind_a_trajectory_generator() -> None:
+    """At any rest: |L| of 0.1 Hz differs by the lever's ratio, within 10 %, and not by an integral that is held."""
+    base = load_parameters("two-degrees-of-freedom")
+    gains = [abs(evaluate(LinearActuator(base.values, angle, model=base.model).loop("reference"), np.array([0.1]))[0])
+             for angle in (0.0, 0.05, 0.1)]
+    assert gains == pytest.approx([gains[0]] * 3, rel=0.1)
 
 
 def test_latency_only_delays_the_response_to_the_command(values: Values, linear: LinearActuator) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import inf, isnan, nan, radians
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from emcas_fmu.bench import metrics
-from emcas_fmu.bench.excitation import step_to
+from emcas_fmu.bench.excitation import Excitation, slew_to, step_to
 from emcas_fmu.bench.frequency_response import frequency_response
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.motions import LEAD_IN, MOTIONS, OLD_WORDS
@@ -61,11 +61,12 @@ def figures(experiment: Experiment, numbers: Mapping[str, float]) -> dict[str, f
     return {name: values.item() for name, values in found.items()}
 
 
-def test_a_step_has_the_benchs_figures() -> None:
-    """Rows of power between the others split the kernel's ticks: equal but for roundings."""
-    found = figures(Experiment("a", "step", 0.6), {"experiments.a.amplitude": radians(5.0)})
-    run = SUBJECT.run(step_to(radians(5.0), 0.6))
-    expected = {**metrics.usage(run), **metrics.motion(run)}
+@pytest.mark.parametrize(("kind", "motion"), [("step", step_to), ("slew", slew_to)])
+def test_a_jump_has_the_benchs_figures(kind: str, motion: Callable[[float, float], Excitation]) -> None:
+    """Those of the last jump. Rows of power between the others split the kernel's ticks: equal but for roundings."""
+    found = figures(Experiment("a", kind, 0.6), {"experiments.a.amplitude": radians(5.0)})
+    run = SUBJECT.run(motion(radians(5.0), 0.6))
+    expected = {**metrics.usage(run), **metrics.motion(run, -1)}
     for name in ("rise_time", "settling_time", "overshoot", "sustained_rate", "peak_current", "rms_tracking_error"):
         assert found[name] == pytest.approx(expected[name], rel=1e-9), name
     assert found["steady_error"] == pytest.approx(abs(expected["steady_error"]), rel=1e-9)

@@ -40,7 +40,8 @@ from .systems import Array, System, cleared, decays, delay_line, measured, movin
 LOOPS = {"current": (capabilities.CURRENT_LOOP, capabilities.DRIVE_STEP), "velocity": (capabilities.CASCADE,),
          "position": (capabilities.CASCADE,), "reference": (capabilities.POSITION_LOOP,)}
 """Loops by name, with the capabilities that each needs."""
-_ONE_DEGREE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 0.0}
+_ONE_DEGREE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 0.0,
+               "trajectory.natural_frequency": 0.0}
 _PORTS = (("command", "aero_torque"), ("fin_angle", "reference"))
 _MOST_GROWTH = 100.0  # logarithm of the largest growth of a mode within a sample
 _CONTROLLERS = ("the controllers do not react to a small deviation at rest (a dead band, switch or gain of 0 in "
@@ -267,15 +268,16 @@ class LinearActuator:
         ``reference`` at the drive's reference u, where gain and delay of the hardware act on all feedback. The
         command's latency is in no loop.
 
-        The cascade is evaluated with setpoint weight 1 and without feedforward, which changes no loop. It then depends
-        on the difference of command and measured angle only: a command equal to the measured angle opens the position
-        loop.
+        The cascade is evaluated with setpoint weight 1, without feedforward and trajectory generator, which changes no
+        loop. It then depends on the difference of command and measured angle only: a command equal to the measured
+        angle opens the position loop.
         """
         if name == "current":
             return self._current_loop()
         commanded = name != "reference"
-        if commanded and any(self.values.get(parameter, value) != value for parameter, value in _ONE_DEGREE.items()):
-            return LinearActuator({**self.values, **_ONE_DEGREE}, *self._at, self.model).loop(name)
+        one_degree = {parameter: value for parameter, value in _ONE_DEGREE.items() if parameter in self.values}
+        if commanded and any(self.values[parameter] != value for parameter, value in one_degree.items()):
+            return LinearActuator({**self.values, **one_degree}, *self._at, self.model).loop(name)
         blocks, opened = [self.controller, self.plant], [*self._links, ("measured_angle", "command")]
         if name == "position":
             return wire(blocks, opened, ["command"], ["measured_angle"])

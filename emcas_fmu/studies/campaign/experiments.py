@@ -178,7 +178,7 @@ def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps
         command = run.excitation.command
         if np.any((command[..., -1] == command[..., 0]) | (command[..., -1] == columns["fin_angle"][..., begin])):
             raise ValueError("the step has no height: the command is the initial command or the fin's initial angle")
-        measures |= moved(rows)
+        measures |= moved(rows, -1)  # a slew has a jump to its starting end before
         measures["steady_error"] = np.abs(measures["steady_error"])
     if KINDS[experiment.kind].sweeps:
         count = len(columns["fin_angle"])
