@@ -1,4 +1,4 @@
-"""The `emcas` command. Exit codes: 0 done, 1 a check failed, 2 the request cannot be executed."""
+"""The `emcas` command. Exit codes: 0 for success, 1 for a failed check, 2 for a request that cannot be executed."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def _version(value: bool) -> None:
 @app.callback()
 def main(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True,
                                                help="Print the version and exit.")] = False) -> None:
-    """Fin actuators for flight simulation: simulated here, or built as FMUs for co-simulation, FMI 2.0 or 3.0.
+    """Simulate fin actuators for flight simulation, or build them as FMUs for co-simulation (FMI 2.0 or 3.0).
 
-    emcas COMMAND --help has a command's options and examples.
+    emcas COMMAND --help prints a command's options and examples.
     """
 
 

@@ -12,7 +12,7 @@ _TEMPERATURE = "friction.temperature"
 
 
 def conditions(model: str, values: Mapping[str, Any]) -> list[tuple[str, str, Any, str]]:
-    """Return the conditions of a simulation that parameters define: label, name, value and unit."""
+    """Return the conditions of a simulation that parameters define, each as label, name, value and unit."""
     actuator = get(model)
     rows: list[tuple[str, str, Any, str]] = []
     if actuator.supply:
@@ -24,13 +24,13 @@ def conditions(model: str, values: Mapping[str, Any]) -> list[tuple[str, str, An
 
 
 ESTIMATE = " (estimate)"
-"""Follows the name of a figure that depends on parameters that are engineering estimates."""
+"""Suffix of a figure's name if the figure depends on engineering estimates of parameters."""
 
 
 def resting_on(estimates: Mapping[str, Sequence[str]]) -> list[str]:
     """Return a sentence for each group of figures that depend on the same estimated parameters.
 
-    `estimates` are the names of these parameters by figure.
+    `estimates` maps a figure to the names of these parameters.
     """
     alike: dict[tuple[str, ...], list[str]] = {}
     for figure, names in estimates.items():

@@ -33,9 +33,9 @@ _FIN = re.compile(r"fin\[\d+\]\.")
 class OpenedFmu:
     """An unpacked FMU; `starts` are the start values of inputs and parameters.
 
-    Of an FMU of several fins it represents one: all names are those of a single actuator, which `names` maps to the
-    FMU's. The other fins stay at their start values. `variables` are its variables, elements instead of arrays, under
-    the structured names of FMI 2.0.
+    It represents one fin of the FMU: all names are those of a single actuator, which `names` maps to the FMU's names.
+    Other fins keep their start values. `variables` are the FMU's variables, elements instead of arrays, with the
+    structured names of FMI 2.0.
     """
 
     path: Path
@@ -47,7 +47,7 @@ class OpenedFmu:
     names: Mapping[str, str]
 
     def instance(self, log: Callable[..., None]) -> Any:
-        """Return an instance, whose messages `log` receives. Raises EmcasError where it does not start."""
+        """Return a new instance, which sends its messages to `log`. Raises EmcasError if it does not start."""
         try:
             # Without debug logging, pythonfmu's wrapper forwards no messages.
             slave = instantiate_fmu(str(self.folder), self.description, "CoSimulation", debug_logging=True,
@@ -55,7 +55,7 @@ class OpenedFmu:
         # fmpy reports a failed load or instantiation as OSError or as a bare Exception.
         except Exception as error:
             raise EmcasError(f"{self.path}: its binary for {fmpy.platform} does not start ({error}); see the FMU's "
-                             "documentation/externalDependencies.txt for what it needs") from error
+                             "documentation/externalDependencies.txt for its requirements") from error
         return Fmi3Slave(slave, self.variables) if self._fmi3 else slave
 
     @property
@@ -83,16 +83,16 @@ class OpenedFmu:
             getattr(instance, f"set{kind}")([self.references[name]], [convert(value)])
 
     def require(self, names: Sequence[str], causality: str) -> None:
-        """Raise EmcasError where the FMU lacks variables of a causality; inputs may be tunable parameters."""
+        """Raise EmcasError if the FMU lacks variables of a causality; inputs may also be parameters."""
         present = {v.name for v in self.variables if v.causality == causality
                    or (causality == "input" and v.causality == "parameter")}
         if missing := [name for name in names if self.names.get(name, name) not in present]:
             raise EmcasError(f"{self.path}: has no {causality} named {', '.join(missing)}; "
-                             "an EM-CAS FMU is needed, such as `emcas build` makes")
+                             "use an EM-CAS FMU, such as one that `emcas build` makes")
 
 
 def model_of(name: str) -> str | None:
-    """Return the model, such as ``elastic+faults``, of an FMU by its modelName; None for any other name."""
+    """Return the model, such as ``elastic+faults``, that an FMU's modelName contains; None for any other name."""
     match = _NAME.fullmatch(name)
     model = _model(match[3]) if match else None
     try:
@@ -102,7 +102,7 @@ def model_of(name: str) -> str | None:
 
 
 def _model(suffix: str) -> str | None:
-    """Return the model whose modelName of one fin is EMCAS and a suffix: actuator and extensions in their order."""
+    """Return the model whose modelName for one fin is EMCAS with this suffix; None if there is none."""
     for actuator in NAMES:
         known = model_name(actuator).removeprefix("EMCAS")
         added = suffix.removeprefix(known).split("_")[1:]
@@ -113,25 +113,25 @@ def _model(suffix: str) -> str | None:
 
 
 def chosen_model(file: str, name: str, model: str | None, error: type[EmcasError] = EmcasError) -> str:
-    """Return the model of the FMU `file` by its modelName, or `model` where the name does not contain it.
+    """Return the model of the FMU `file` from its modelName `name`, or `model` if the name contains none.
 
-    Raises `error` where neither is known, or where they differ.
+    Raises `error` if neither is known, or if they differ.
     """
     named = model_of(name)
     if named is None and model is None:
-        raise error(f"{file}: is named {name}, which does not contain its model; name that as the FMU was "
+        raise error(f"{file}: its modelName {name} does not contain its model; pass the model with which the FMU was "
                     "built: FILE.py, or a name such as elastic+faults")
     if named is not None and model not in (None, named):
-        raise error(f"{file}: is of the model {named}, but {model} is requested; leave the model out, or build the FMU "
+        raise error(f"{file}: its model is {named}, but {model} is requested; leave the model out, or build the FMU "
                     f"with emcas build --model {model}")
     return str(named or model)
 
 
 @contextmanager
 def opened(path: Path, fin: int | None = None, model: str | None = None) -> Iterator[OpenedFmu]:
-    """Unpack the FMU at `path` for the duration of the context. Raises EmcasError where it cannot run here.
+    """Unpack the FMU at `path` for the duration of the context. Raises EmcasError if it cannot run on this machine.
 
-    `fin`, from 1, selects one fin of several, by default the first. `model` is required for an FMU with flat names
+    `fin`, from 1, selects one of several fins, by default the first. `model` is required for an FMU with flat names
     whose modelName does not contain the model.
     """
     if path.is_dir():
@@ -146,7 +146,7 @@ def opened(path: Path, fin: int | None = None, model: str | None = None) -> Iter
             raise EmcasError(f"{path}: is not an FMU that can be read ({' '.join(str(error).split())})") from error
     if not _IDENTIFIER.fullmatch(identifier := str(getattr(description.coSimulation, "modelIdentifier", "_"))):
         raise EmcasError(f"{path}: its modelIdentifier {identifier!r} is not a C identifier, which names its library; "
-                         "have the FMU made again")
+                         "have the FMU built again")
     if description.coSimulation is None or description.fmiVersion not in ("2.0", "3.0"):
         raise EmcasError(f"{path}: is not a co-simulation FMU of FMI 2.0 or 3.0 (FMI {description.fmiVersion})")
     platforms = fmpy.supported_platforms(str(path))
@@ -165,11 +165,11 @@ def opened(path: Path, fin: int | None = None, model: str | None = None) -> Iter
         try:
             yield OpenedFmu(path, Path(folder), description, listed, starts, digest, names)
         finally:
-            os.chdir(working_directory)  # where a library does not load, fmpy remains in the FMU's folder
+            os.chdir(working_directory)  # if a library does not load, fmpy stays in the FMU's folder
 
 
 def _structured(description: Any, model: str | None) -> dict[str, str]:
-    """Return the structured names by the flat ones for an FMU of a known model with flat names; otherwise none."""
+    """Return a map from flat to structured names for an FMU of a known model with flat names; otherwise empty."""
     name = _NAME.fullmatch(description.modelName)
     kind = model_of(description.modelName) or model
     if description.variableNamingConvention != "flat" or name is None or kind is None:
@@ -179,11 +179,11 @@ def _structured(description: Any, model: str | None) -> dict[str, str]:
 
 
 def _names(path: Path, present: Sequence[str], fin: int | None) -> dict[str, str]:
-    """Return the FMU's names of one fin's variables by those of a single actuator."""
+    """Return the names of one fin's variables in the FMU, by the names of a single actuator."""
     prefixes = {match[0] for name in present if (match := _FIN.match(name))}
     if not prefixes:
         if fin not in (None, 1):
-            raise EmcasError(f"{path}: has one fin, there is no fin {fin}")
+            raise EmcasError(f"{path}: has one fin; there is no fin {fin}")
         return {name: name for name in present}
     prefix = f"fin[{1 if fin is None else fin}]."
     if prefix not in prefixes:
@@ -200,5 +200,5 @@ def _start(variable: Element) -> Any:
 
 
 def _logger_3(log: Callable[..., None]) -> Callable[..., None]:
-    """Return a logger of FMI 3.0, which receives no instance name."""
+    """Return a logger for FMI 3.0, which passes no instance name, that calls a logger of FMI 2.0."""
     return lambda environment, status, category, message: log(environment, b"", status, category, message)

@@ -1,4 +1,4 @@
-"""An FMU as the subject under test, and how a subject of either kind is opened."""
+"""An FMU as the subject of a study, and `open_subject` for FMUs and parameter sets."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from .references import embedded
 from .runs import Run
 from .subject import Identification, ParameterSubject, Subject, differences
 
-_LAST_MESSAGES = 20  # kept of a run's log
+_LAST_MESSAGES = 20  # number of messages kept from a run's log
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 
 
 class _Recorder:
-    """Values of variables of an FMU, a row for each reading."""
+    """Recorded values of an FMU's variables, one row for each reading."""
 
     def __init__(self, instance: Any, variables: Sequence[Variable], references: Mapping[str, int]) -> None:
         self.rows: list[list[Any]] = []
@@ -54,7 +54,7 @@ class _Recorder:
 
 
 class FmuSubject(Subject):
-    """An FMU, run by fmpy: one instance, which is reset between runs and replaced after a failed run."""
+    """An FMU that fmpy runs in one instance, which is reset between runs and replaced after a failed run."""
 
     def __init__(self, fmu: OpenedFmu, model: str, fin: int = 1) -> None:
         self.fmu, self.model, self.fin = fmu, model, fin
@@ -82,14 +82,14 @@ class FmuSubject(Subject):
 
     @cached_property
     def card(self) -> Card:
-        """The card inside the FMU; without one of its values, as in an older or changed FMU, one of what is known."""
-        path, origin = self.fmu.folder / FILE, "this card is the one inside, with figures of these tests"
+        """The FMU's card, or a new one if the FMU, being older or changed, contains none for its values."""
+        path, origin = self.fmu.folder / FILE, "this card is the one in the FMU, with figures of these tests"
         try:
             inside = read(path.read_bytes()) if path.is_file() else None
         except ValueError as error:
             raise EmcasError(f"{self.fmu.path}: {FILE} {error}; build the FMU again") from error
         if inside is None or inside.values_sha256[self.fin - 1:self.fin] != (parameters_hash(self.values),):
-            inside, origin = card([self.parameters], self.fmu.path.name), "it has no card of its values"
+            inside, origin = card([self.parameters], self.fmu.path.name), "the FMU has no card for its values"
         file = Fact("file", self.fmu.path.name, note=f"SHA-256 {self.fmu.sha256}; {origin}")
         return inside.having(MANAGEMENT, file)
 
@@ -101,7 +101,7 @@ class FmuSubject(Subject):
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
         begin, changes = perf_counter(), self.changed(excitation, start_values or {})
         names = list(self.outputs if outputs is None else outputs)
-        if changes:  # the FMU would refuse, too, with another message or without stepping
+        if changes:  # the FMU refuses unsound values with a less useful message, or by not stepping
             require_sound({v.name: {**self.values, **changes}[v.name] for v in self.actuator.parameters}, self.model)
         self._messages.clear()
         if self._instance is None:
@@ -127,15 +127,15 @@ class FmuSubject(Subject):
 
     def _follow(self, instance: Any, excitation: Excitation, changes: Mapping[str, Any], substeps: int,
                 at_rows: _Recorder, at_steps: _Recorder) -> None:
-        """Step through an excitation and record at its rows and at each of their `substeps`.
+        """Step through an excitation, and record at its rows and at each of their `substeps`.
 
-        Raises FMICallException where the FMU does not step.
+        Raises FMICallException if a call of the FMU fails.
         """
         references, step = self.fmu.references, excitation.step / substeps
         started = {v.name: changes[v.key] for v in self.inputs.values() if v.key and v.key in changes}
         self.fmu.set_starts(instance, {
             name: value for name, value in {**changes, **started}.items()
-            if name in references})  # in a parameter file the start of an input has another name
+            if name in references})  # in a parameter file the start value of an input has another name
         setters = {"Real": (instance.setReal, float), "Boolean": (instance.setBoolean, bool),
                    "Integer": (instance.setInteger, int)}
         columns = [(setters[self.inputs[name].kind][0], references[name],
@@ -181,23 +181,23 @@ class FmuSubject(Subject):
 @contextmanager
 def open_subject(path: Path | None, model: str | None = None, fin: int | None = None,
                  parameters: Sequence[Path] | None = None) -> Iterator[Subject]:
-    """Open the subject at `path`: an FMU, a parameter file (.toml), or the shipped parameters without a path.
+    """Open the subject at `path`, an FMU or a parameter file (.toml); without a path, open the shipped parameters.
 
-    `model` names the actuator and its extensions; the name of an FMU contains it. `fin`, from 1, selects one fin of an
-    FMU of several, by default the first. The files `parameters` override those of the subject, which then cannot be an
-    FMU. Raises EmcasError or ParameterError where the subject cannot be used.
+    `model` names the actuator and its extensions; the modelName of most FMUs contains it. `fin`, from 1, selects one
+    fin of an FMU with several, by default the first. The parameter files `parameters` override values of a parameter
+    set; an FMU does not accept them. Raises EmcasError or ParameterError if the subject cannot be used.
     """
     if path is None or path.suffix.lower() == ".toml":
         if fin is not None:
-            raise EmcasError(f"--fin {fin}: {path or 'a parameter set'} is one fin; leave --fin out")
+            raise EmcasError(f"--fin {fin}: {path or 'a parameter set'} has one fin; leave --fin out")
         files = [*([path] if path else []), *(parameters or ())]
         yield ParameterSubject(load_parameters(files, model=model or NONLINEAR), files)
         return
     if path.suffix.lower() != ".fmu":
-        raise EmcasError(f"{path}: is neither an FMU nor a parameter file by its name; give a file that ends in .fmu "
-                         "or .toml")
+        raise EmcasError(f"{path}: is neither an FMU nor a parameter file by its name; choose a file that ends in "
+                         ".fmu or .toml")
     if parameters:
-        raise EmcasError(f"--parameters {parameters[0]}: {path} has its parameters in it; build an FMU of these")
+        raise EmcasError(f"--parameters {parameters[0]}: {path} contains its parameters; build an FMU with these")
     model = model and full_name(model)
     with opened(path, fin, model) as fmu:
         subject = FmuSubject(fmu, chosen_model(str(path), fmu.description.modelName, model), fin or 1)

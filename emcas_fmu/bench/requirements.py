@@ -1,7 +1,7 @@
 """Requirements, read from TOML: figures of tests, each with a limit and the cases in which it must hold.
 
-The shipped ones are in `models/requirements.toml`, or in `models/requirements/NAME.toml` for an actuator that has its
-own; a user's file replaces them wherever an actuator is judged.
+The shipped requirements are in `models/requirements.toml`, or in `models/requirements/NAME.toml` for an actuator with
+its own file. A user's file replaces them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .measure import BANDWIDTHS, KINDS, Test, obstacle
 from .metrics import FIGURES, shown, unit_of
 from .subject import COMMAND_RANGE, ParameterSubject, Subject
 
-_SHORTEST = 0.3  # s, of the judged part of a test
+_SHORTEST = 0.3  # s, shortest judged part of a test
 
 
 def _amplitude(entry: Any, info: ValidationInfo) -> float:
@@ -34,9 +34,9 @@ def _amplitude(entry: Any, info: ValidationInfo) -> float:
     amplitude = float(In("rad", base=limit).number(entry))
     if amplitude <= 0.0:
         raise ValueError("must be an amplitude above 0")
-    most = max(limit, COMMAND_RANGE)  # an actuator with a smaller range clips the command, which the page says
-    if amplitude > most * (1.0 + 1e-9):
-        raise ValueError(f"is beyond command.limit = {degrees(limit):.6g} deg; give {degrees(most):.6g} deg at most")
+    largest = max(limit, COMMAND_RANGE)  # an actuator with a smaller range clips the command; the verdict notes it
+    if amplitude > largest * (1.0 + 1e-9):
+        raise ValueError(f"is beyond command.limit = {degrees(limit):.6g} deg; use {degrees(largest):.6g} deg at most")
     return amplitude
 
 
@@ -64,7 +64,7 @@ _TESTS: Mapping[str, type[Table]] = {
 
 
 def _unit(figure: str) -> str:
-    """Return a figure's unit: SI for the bench's, the ending of its name for those of the acceptance report."""
+    """Return a figure's unit: for a figure of the acceptance report, the unit that its name ends with."""
     return FIGURES[figure].unit if figure in FIGURES else unit_of(figure)
 
 
@@ -74,21 +74,21 @@ def _test(entry: Any, info: ValidationInfo) -> Test:
 
 
 def _limit(entry: Any, info: ValidationInfo) -> float:
-    """Return a limit in the unit of its figure; an unknown figure is reported by itself."""
+    """Return a limit in the unit of its figure, or 1 for an unknown figure, which has its own message."""
     limit = float(In(_unit(info.data["figure"])).number(entry)) if "figure" in info.data else 1.0
     if limit <= 0.0:
         raise ValueError("must be above 0")
     if info.data.get("figure") in KINDS["sine"] and not BANDWIDTHS[0] < limit < BANDWIDTHS[1]:
-        raise ValueError("must be between {:g} and {:g} Hz, where a bandwidth is looked for".format(*BANDWIDTHS))
+        raise ValueError("must be between {:g} and {:g} Hz, the range of measured bandwidths".format(*BANDWIDTHS))
     return limit
 
 
 class Requirement(Table):
-    """A figure of a test and its limit, a maximum or a minimum in the figure's unit, in the named cases.
+    """A figure of a test with its limit, a maximum or a minimum in the figure's unit, in the listed cases.
 
-    Without a test, the figure is one of the acceptance report, ``test.group.figure`` of its JSON, and only judged
-    there. An `optional` requirement is not judged where the actuator lacks an output that it needs. The validation
-    context is the parameter set.
+    Without a test, the figure is one of the acceptance report, named ``test.group.figure`` as in its JSON file, and
+    only the report judges it. An `optional` requirement is skipped for an actuator that has an `obstacle` to it, such
+    as a missing output. The validation context is the parameter set.
     """
 
     name: str
@@ -97,7 +97,7 @@ class Requirement(Table):
     figure: str
     maximum: Annotated[float | None, PlainValidator(_limit)] = None
     minimum: Annotated[float | None, PlainValidator(_limit)] = None
-    cases: list[str] = Field(default_factory=list, min_length=1)  # all
+    cases: list[str] = Field(default_factory=list, min_length=1)  # by default all
     source: str = ""
     reason: str = ""
     optional: bool = False
@@ -128,12 +128,12 @@ class Requirement(Table):
 
     @property
     def sense(self) -> str:
-        """`minimum` or `maximum`, the kind of the limit."""
+        """The sense of the limit, `minimum` or `maximum`."""
         return "minimum" if self.maximum is None else "maximum"
 
     @property
     def sign(self) -> float:
-        """1 where larger figures are worse, -1 where smaller ones are."""
+        """1 if larger figures are worse, -1 if smaller ones are."""
         return -1.0 if self.maximum is None else 1.0
 
     @property
@@ -148,13 +148,13 @@ class Requirement(Table):
 
     @property
     def shown(self) -> tuple[str, float]:
-        """The unit in which people read it, and the factor to that unit."""
+        """The display unit, and the factor from `unit` to it."""
         return shown(self.unit) if self.test else (self.unit, 1.0)
 
     def kept(self, measured: Any) -> Any:
-        """Return whether figures, an array or a number, keep the limit; a value that is not finite does not.
+        """Return whether figures [unit], an array or a number, keep the limit; values that are not finite do not.
 
-        They are compared in the unit for display with nine decimals, so that rounding of a conversion is not a miss.
+        Values are compared in the display unit with nine decimals: rounding in a conversion must not miss a limit.
         """
         _, factor = self.shown
         shown = np.round(np.multiply(measured, factor), 9)
@@ -162,16 +162,16 @@ class Requirement(Table):
 
     @property
     def shown_limit(self) -> float:
-        """The limit in the unit in which people read it."""
+        """The limit in the display unit."""
         return round(self.limit * self.shown[1], 9)
 
     @property
     def how(self) -> str:
-        """How the figure is measured, in words."""
+        """A description of the measurement: the figure's title and the test."""
         return f"{FIGURES[self.figure].title}; {self.test}" if self.test else self.figure
 
     def obstacle(self, subject: Subject) -> str:
-        """Return in words why it cannot be measured for a subject; empty where it can."""
+        """Return the reason why the figure cannot be measured for a subject; empty if it can."""
         if self.test is None:
             return "a figure of the acceptance report: emcas report judges it"
         return obstacle(self.test, self.figure, subject)
@@ -179,14 +179,14 @@ class Requirement(Table):
 
 @dataclass(frozen=True)
 class Case:
-    """Circumstances: values of changed parameters in SI, and `shares` of the values of the variant that is judged."""
+    """A set of changed parameters: `values` in their variables' units, and `shares` of the judged variant's values."""
 
     name: str
     values: Mapping[str, Any]
     shares: Mapping[str, float] = field(default_factory=dict)
 
     def of(self, variant: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the changed parameters of a variant, itself with changed parameters, in this case."""
+        """Return the changed parameters of a variant in this case; without the case they are `variant`."""
         shares = {name: share * variant[name] for name, share in self.shares.items() if name in variant}
         return {**variant, **self.values, **shares}
 
@@ -209,10 +209,10 @@ class Specification:
 
 
 def variable_of(name: str, base: ParameterSet) -> Variable:
-    """Return a parameter of a set by name. Raises ValueError with the names of the tunable ones."""
+    """Return a parameter's variable by name. Raises ValueError, with the tunable parameters, for an unknown name."""
     variables = {e.variable.name: e.variable for e in base.entries}
     tunable = ", ".join(v.name for v in variables.values() if v.variability == "tunable")
-    return parameter_of(name, variables, f"; made to be tuned are {tunable}" if tunable else "")
+    return parameter_of(name, variables, f"; the tunable parameters are {tunable}" if tunable else "")
 
 
 def _is_share(entry: Any) -> bool:
@@ -225,7 +225,7 @@ def _cases(entries: Any, info: ValidationInfo) -> dict[str, Case]:
     def change(name: str, entry: Any) -> object:
         variable = variable_of(name, base)
         if name in info.data.get("tunables", {}):
-            raise ValueError("is to be tuned and cannot be set by a case")
+            raise ValueError("is one of the tunables, which a case cannot set; remove it from one of the tables")
         return In(variable.unit, base=float(base.values[name])).number(entry) if _is_share(entry) else entry
 
     def read(name: str, entry: Any) -> Case:
@@ -267,6 +267,6 @@ def load_requirements(path: Path | None, base: ParameterSet) -> Specification:
     path = path or shipped_file("requirements", base.model)
     contents = document(path, EmcasError)[1]
     if other := misplaced(contents, "requirements"):
-        raise EmcasError(f"{path}: is not a file of requirements: it {other}; models/requirements.toml is one")
+        raise EmcasError(f"{path}: is not a file of requirements: it {other}; see models/requirements.toml")
     file = read(_File, contents, path, EmcasError, base)
     return Specification(tuple(file.requirements.values()), tuple(file.cases.values()), path.name)

@@ -24,7 +24,7 @@ class Run:
     """The response to an excitation: `columns` by name in SI, with ``time`` [s].
 
     ``stopped`` is the last time [s] that the subject reached, None if it ran to the end; ``messages`` is its log;
-    ``wall_time`` is in s. A Run may also hold many finished runs: its columns, except ``time``, are then arrays
+    ``wall_time`` is in s. A Run may also contain many finished runs: its columns, except ``time``, are then arrays
     [runs, rows].
     """
 
@@ -36,7 +36,7 @@ class Run:
 
     @property
     def reason(self) -> str:
-        """Why the run ended early; empty where it did not."""
+        """The reason why the run ended early; empty if it did not."""
         if self.stopped is None:
             return ""
         return f"went no further than {self.stopped:.6g} s: {self.messages[-1] if self.messages else 'no message'}"
@@ -46,7 +46,7 @@ class Run:
         return replace(self, excitation=self.excitation.of(run), columns=_of(self.columns, run))
 
     def finished(self) -> Columns:
-        """Return the columns. Raises StoppedError with the reason where the run ended early."""
+        """Return the columns. Raises StoppedError with the reason if the run ended early."""
         if self.stopped is not None:
             raise StoppedError(f"the subject {self.reason}")
         return self.columns
@@ -57,9 +57,9 @@ class Runs:
     """The responses of `number` runs to excitations with the same rows.
 
     `columns` by name are arrays [runs, rows], except ``time`` [rows]; a fine column has `substeps` points per row. Rows
-    that a run did not reach are NaN. `refused` has the errors of the runs that were refused, and `stopped` the number
-    of rows and the log of those that ended early, both by the index of the run. `runs[index]` has the same columns as
-    a simulation of that run alone; they are views.
+    that a run did not reach are NaN. `refused` maps the index of a refused run to its error, `stopped` that of a run
+    that ended early to its number of rows and its log. The columns of `runs[index]` equal those of a simulation of that
+    run alone; they are views.
     """
 
     excitation: Excitation = field(repr=False)
@@ -74,7 +74,7 @@ class Runs:
         return self.number
 
     def __getitem__(self, index: int) -> Run:
-        """Return a run. Raises the error with which it was refused."""
+        """Return a run. Raises its error if the run was refused."""
         index = range(self.number)[index]
         if index in self.refused:
             raise self.refused[index]
@@ -88,7 +88,7 @@ class Runs:
         return Run(excitation, columns, stopped, messages, self.wall_time / self.number)
 
     def finished(self) -> tuple[Any, Run]:
-        """Return the indices of the runs that reached their end, and these runs as one."""
+        """Return the indices of the runs that reached their end, and these runs as one Run."""
         if not self.refused and not self.stopped:
             return np.arange(self.number), Run(self.excitation, self.columns, None, (), self.wall_time)
         indices = np.setdiff1d(np.arange(self.number), [*self.refused, *self.stopped])
@@ -96,7 +96,7 @@ class Runs:
 
 
 def _of(columns: Columns, runs: Any) -> dict[str, Array]:
-    """Return the columns of one run, or of some."""
+    """Return the columns of one run, or of several."""
     return {name: column if name == "time" else column[runs] for name, column in columns.items()}
 
 

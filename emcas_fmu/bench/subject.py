@@ -1,7 +1,7 @@
-"""The subject under test: an actuator as a parameter set or as an FMU, which are run in the same way.
+"""The subject of a study: an actuator as a parameter set or as an FMU, with the same interface.
 
-A study looks up by name the outputs that it needs (``"motor_current" in subject.outputs``). It leaves out, with the
-reason, the figures whose outputs the subject lacks.
+A study looks up the outputs that it needs by name (``"motor_current" in subject.outputs``). It leaves out the figures
+whose outputs the subject lacks, with the reason.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from .excitation import Excitation
 from .metrics import Figure
 from .runs import Run, Runs, spread
 
-COMMAND_RANGE = radians(20.0)  # of Table 2, for an actuator without command.limit
+COMMAND_RANGE = radians(20.0)  # rad, largest command in Table 2; for an actuator without command.limit
 ANGLE_KNOWN = {"homing.required": False}
-"""Parameters, of an actuator with homing, of a run without the input `home`: it follows commands from the start."""
+"""Parameters with which an actuator with homing follows commands from the start, without the input `home`."""
 
 
 @dataclass(frozen=True)
 class Identification:
-    """What was tested, independent of where and when.
+    """The identity of a subject, independent of the place and time of a test.
 
-    `kind` is `FMU` or `parameter set`. `sha256` is the hash of the file, empty for the defaults; a parameter set has no
-    `guid`. `differences` are the parameters that differ from the shipped ones, `estimates` those that are engineering
-    estimates. `fin`, from 1, is set for an FMU.
+    `kind` is `FMU` or `parameter set`. `sha256` is the hash of the file or files, empty for the defaults; a parameter
+    set has no `guid`. `differences` are the names of the parameters that differ from the shipped ones, `estimates`
+    those of engineering estimates. `fin`, from 1, is set for an FMU.
     """
 
     kind: str
@@ -71,7 +71,7 @@ class Identification:
 
 
 class Subject(ABC):
-    """An actuator that can be excited; `model` is its name with its extensions, such as ``elastic+heat``."""
+    """An actuator that can be simulated; `model` is its name with its extensions, such as ``elastic+heat``."""
 
     model: str = NONLINEAR
 
@@ -83,24 +83,24 @@ class Subject(ABC):
     @property
     @abstractmethod
     def values(self) -> Mapping[str, Any]:
-        """Its parameters by their names in a parameter file, in their variables' units."""
+        """The values of the parameters by their names in a parameter file, in their variables' units."""
 
     @abstractmethod
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
-        """Return the response at the times of the rows; that of `fine` outputs also at `substeps` equal steps per row.
+        """Return the response at the times of the rows; that of `fine` outputs at `substeps` equal steps per row.
 
-        `start_values` are changed parameters, in addition to those of the excitation; `outputs` are recorded, by
-        default all. Raises EmcasError for inputs and parameters that the subject lacks and ParameterError for values
-        that it refuses; a failure during the run is reported in the Run.
+        `start_values` are changed parameters, in addition to those of the excitation. `outputs` are the names of the
+        recorded outputs, by default all. Raises EmcasError for inputs and parameters that the subject lacks and
+        ParameterError for values that it refuses. The Run reports a failure during the simulation.
         """
 
     def run_all(self, excitation: Excitation, changes: Mapping[str, Array], outputs: Iterable[str] | None = None,
                 substeps: int = 1, fine: Sequence[str] = ()) -> Runs:
-        """Return the responses of many runs, each as by `run`; this base class runs them one after another.
+        """Return the responses of many runs, each as by `run`; this base class simulates them one after another.
 
-        `changes` has by name of a changed parameter an array with a value for each run; columns of the excitation may
-        differ between runs, too. A run that is refused or stops does not affect the others. Raises EmcasError for
+        `changes` maps the name of a changed parameter to an array with a value for each run; columns of the excitation
+        may also differ between runs. A run that is refused or stops does not affect the others. Raises EmcasError for
         inputs and parameters that the subject lacks.
         """
         begin = perf_counter()
@@ -113,7 +113,7 @@ class Subject(ABC):
             try:
                 run = self.run(excitation.of(index), {name: values[index].item() for name, values in changes.items()},
                                names, substeps, fine)
-            except Exception as error:  # any error: the other runs go on  # noqa: BLE001
+            except Exception as error:  # the other runs continue after any error  # noqa: BLE001
                 refused[index] = error
                 continue
             if run.stopped is not None:
@@ -130,17 +130,17 @@ class Subject(ABC):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Parameters that are allowed but doubtful, one line each."""
+        """Warnings about parameters that are allowed but doubtful, one line each."""
         return tuple(check_combinations(self.values, self.actuator, warnings=True))
 
     @cached_property
     def inputs(self) -> Mapping[str, Variable]:
-        """Its inputs by name."""
+        """The inputs by name."""
         return {v.name: v for v in self.actuator.inputs}
 
     @cached_property
     def outputs(self) -> Mapping[str, Variable]:
-        """Its outputs by name."""
+        """The outputs by name."""
         return {v.name: v for v in self.actuator.outputs}
 
     @property
@@ -150,32 +150,32 @@ class Subject(ABC):
 
     @cached_property
     def parameters(self) -> ParameterSet:
-        """Its parameters as a set, with the sources of those that have default values."""
+        """The parameters as a set; those with default values have their sources."""
         changed = differences(self.values, self.model)
         return load_parameters(model=self.model).with_values({name: self.values[name] for name in changed})
 
     @cached_property
     def card(self) -> Card:
-        """Its credibility card."""
+        """The credibility card."""
         return card([self.parameters])
 
     @property
     def references(self) -> Sequence[Stored]:
-        """Reference responses embedded in it."""
+        """The reference responses embedded in the subject."""
         return ()
 
     @property
     def command_limit(self) -> float:
-        """The largest command it follows [rad]."""
+        """The largest command that the fin follows [rad]."""
         return float(self.values.get("command.limit", COMMAND_RANGE))
 
     @property
     def at_start(self) -> Mapping[str, Any]:
-        """Those of `ANGLE_KNOWN` that the actuator has."""
+        """The entries of `ANGLE_KNOWN` that are parameters of the actuator."""
         return {name: value for name, value in ANGLE_KNOWN.items() if name in self.values}
 
     def lacking(self, outputs: Iterable[str]) -> str:
-        """Return in words which of these outputs the subject lacks; empty where it has all."""
+        """Return a statement that names the outputs that the subject lacks; empty if it has all."""
         return _without([name for name in outputs if name not in self.outputs])
 
     @cached_property
@@ -183,23 +183,23 @@ class Subject(ABC):
         return get(self.model).namespace(self.values)
 
     def transport_delay(self, start_values: Mapping[str, Any]) -> Any:
-        """Return the time [s] from a sample of the controllers to the drive, with changed parameters.
+        """Return the delay [s] from a sample of the controllers to the drive.
 
-        It is an array where it depends on changed parameters that are arrays.
+        `start_values` are changed parameters; the delay is an array if it depends on arrays among them.
         """
         delay, ops = self.actuator.transport_delay, ARRAYS if any(map(np.ndim, start_values.values())) else FLOATS
         return 0.0 if delay is None else delay(ops, with_values(self._namespace, start_values))
 
     def obstacle(self, excitation: Excitation) -> str:
-        """Return in words why the subject cannot be excited in this way; empty where it can."""
+        """Return the reason why the subject cannot be excited in this way; empty if it can."""
         return _without([*(name for name in excitation.columns if name not in self.inputs),
                          *(name for name in excitation.start_values if name not in self.values)])
 
     def changed(self, excitation: Excitation, changes: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return all changed parameters of a run: `at_start`, unless the excitation has the input `home`, then its own,
-        then `changes`.
+        """Return all changed parameters of a run: those of `at_start`, the excitation and `changes`; the last counts.
 
-        Raises EmcasError where the subject cannot be excited in this way.
+        `at_start` is left out if the excitation has the input `home`. Raises EmcasError if the subject cannot be
+        excited in this way.
         """
         known = {} if "home" in excitation.columns else self.at_start
         excitation = excitation.with_start_values({**known, **excitation.start_values, **changes})
@@ -213,7 +213,7 @@ def _without(names: Sequence[str]) -> str:
 
 
 def left_out(figures: Mapping[str, Figure], present: Collection[str]) -> dict[str, list[str]]:
-    """Return the names of the figures that need an output which is not present, by the reason."""
+    """Return the names of the figures that need a missing output, by the reason; `present` are the outputs."""
     names: dict[str, list[str]] = {}
     for name, figure in figures.items():
         if missing := [output for output in figure.needs if output not in present]:
@@ -222,7 +222,7 @@ def left_out(figures: Mapping[str, Figure], present: Collection[str]) -> dict[st
 
 
 class ParameterSubject(Subject):
-    """A parameter set, run by the kernel in this process; `files` are its parameter files."""
+    """A parameter set that the kernel simulates in this process; `files` are its parameter files."""
 
     def __init__(self, parameters: ParameterSet, files: Sequence[Path] = ()) -> None:
         self.files, self.model = files, parameters.model

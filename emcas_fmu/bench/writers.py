@@ -1,4 +1,4 @@
-"""Writers of results: JSON, JUnit, and self-contained pages of one layout."""
+"""Writers of results: JSON, CSV and JUnit files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..support.writing import whole, write
 
 
 def plain(value: Any) -> Any:
-    """Return a document for JSON: lists for arrays, and null for infinity and NaN."""
+    """Return a document for JSON, with lists for arrays and None for infinity and NaN."""
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -26,13 +26,13 @@ def plain(value: Any) -> Any:
 
 
 def write_json(document: Mapping[str, Any], path: Path) -> None:
-    """Write a document; the same document gives the same bytes."""
+    """Write a document as JSON; equal documents give equal bytes."""
     text = json.dumps(plain(document), indent=1, allow_nan=False)
     write(path, text + "\n")
 
 
 def write_csv(columns: Mapping[str, Any], path: Path | str) -> None:
-    """Write arrays of equal length under their names, with 17 digits, so that no bit is lost."""
+    """Write arrays of equal length as CSV under their names, with 17 digits, which preserve every bit."""
     with whole(path) as file:
         np.savetxt(file, np.column_stack(list(columns.values())), fmt="%.17g", delimiter=",", header=",".join(columns),
                    comments="")
@@ -50,7 +50,7 @@ def junit_case(name: str, classname: str, failed: str = "", skipped: str = "", k
 
 
 def write_junit(name: str, suites: Mapping[str, Iterable[TestCase]], path: Path) -> None:
-    """Write suites of test cases by title, for continuous integration."""
+    """Write test suites as JUnit XML; `suites` maps a title to test cases."""
     document = JUnitXml(name)
     for title, cases in suites.items():
         suite = TestSuite(title)

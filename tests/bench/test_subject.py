@@ -177,7 +177,7 @@ def test_one_fin_of_several(tmp_path: Path) -> None:
         found = subject.run(step_to(0.1, 0.1)).columns["fin_angle"]
     expected = ParameterSubject(sets[1]).run(step_to(0.1, 0.1)).columns["fin_angle"]
     np.testing.assert_array_equal(found, expected)
-    with pytest.raises(EmcasError, match="is of the model elastic"), open_subject(fmu, "linear"):
+    with pytest.raises(EmcasError, match="its model is elastic"), open_subject(fmu, "linear"):
         pass
     with pytest.raises(EmcasError, match="has 2 fins, there is no fin 0"), open_subject(fmu, fin=0):
         pass

@@ -146,7 +146,7 @@ def test_an_fmu_of_a_users_actuator(direct: Path, tmp_path: Path) -> None:
     unit = native_unit(model, tmp_path)
     same_rows(direct, unit)
     direct.write_text(DIRECT.replace('[base]\nmodel = "direct_drive.py"\n', ""), encoding="utf-8")
-    with pytest.raises(EmcasError, match="does not contain its model; name that as the FMU was built"):
+    with pytest.raises(EmcasError, match="does not contain its model; pass the model with which the FMU was built"):
         load_study(direct, unit)
     assert load_study(direct, unit, model=model).actuator.name == "direct-drive"
 

@@ -187,7 +187,7 @@ def test_an_fmu_tells_its_model(write: Write, faulty: Path) -> None:
     assert by_unit.model == "nonlinear+faults"
     assert by_unit.guid == by_model.guid
     assert_same_rows(by_unit, by_model, [[0.15, 1000.0], [0.12, 0.0]])
-    with pytest.raises(EmcasError, match=r"is of the model nonlinear\+faults, but nonlinear\+heat is requested"):
+    with pytest.raises(EmcasError, match=r"its model is nonlinear\+faults, but nonlinear\+heat is requested"):
         load_study(write(plain), faulty, model="nonlinear+heat")
 
 
@@ -195,7 +195,7 @@ def test_an_fmu_tells_its_model(write: Write, faulty: Path) -> None:
 def test_an_fmu_that_does_not_tell(write: Write, faulty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("emcas_fmu.bench.fmu.model_of", lambda name: None)
     plain = FAULTS.replace('[base]\nmodel = "nonlinear+faults"\n', "")
-    with pytest.raises(EmcasError, match=r"does not contain its model; name that as the FMU was built"):
+    with pytest.raises(EmcasError, match=r"does not contain its model; pass the model with which the FMU was built"):
         load_study(write(plain), faulty)
     assert load_study(write(FAULTS), faulty).model == "nonlinear+faults"
 

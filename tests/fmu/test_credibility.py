@@ -202,7 +202,7 @@ def test_an_fmu_keeps_its_card(measured: Path, tmp_path: Path) -> None:
     with open_subject(changed(inside["values_sha256"][0].encode(), b"0" * 64)) as subject:
         document = subject.card.as_dict()
         pedigree = facts(document, "Data pedigree")
-    assert "no card of its values" in facts(document, "M&S process/product management")["file"]["note"]
+    assert "no card for its values" in facts(document, "M&S process/product management")["file"]["note"]
     assert "motor.resistance" not in pedigree
     assert pedigree["parameters, source: user"]["names"] == ("motor.resistance",)  # the others are the default ones
     with (open_subject(changed(b'"factors"', b'"factor"')) as subject,

@@ -185,7 +185,7 @@ def test_an_actuator_of_the_user_s(tmp_path: Path) -> None:
     path = build(load_parameters(model=str(own)), tmp_path / "own.fmu", names="flat", references=False).path
     with open_subject(path, model=str(own)) as subject:
         assert subject.run(step_to(0.1, 0.2)).stopped is None
-    with pytest.raises(EmcasError, match="model; name that as the FMU was built"), open_subject(path):
+    with pytest.raises(EmcasError, match="model; pass the model with which the FMU was built"), open_subject(path):
         pass
 
 

@@ -144,14 +144,14 @@ def test_a_state_is_read_or_refused_with_a_reason(host: str, archive: Path) -> N
 
 def test_the_command_and_its_refusals(unit: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert f"is of the model {MODEL}, but nonlinear+faults is requested" in emcas(
+    assert f"its model is {MODEL}, but nonlinear+faults is requested" in emcas(
         "--fmu", unit, "--model", "nonlinear+faults", code=2)
     assert "there is no extension 'fault'" in emcas("--model", "elastic+fault", code=2)
     (tmp_path / "hot.toml").write_text('[fin1.heat]\ncase_start_rise = "40 K"\n', encoding="utf-8")
     assert f"the {MODEL} actuator has no such parameter" in emcas(
         "--fmu", unit, "--variant", "hot=hot.toml", code=2)
     monkeypatch.setattr("emcas_fmu.bench.fmu.model_of", lambda name: None)
-    with pytest.raises(EmcasError, match="does not contain its model; name that as the FMU was built"):
+    with pytest.raises(EmcasError, match="does not contain its model; pass the model with which the FMU was built"):
         write_ssp(tmp_path / "a.ssp", unit)
     with pytest.raises(SspError, match=r"is not an FMU of one actuator of the model nonlinear\+heat: it lacks"):
         write_ssp(tmp_path / "a.ssp", unit, model="nonlinear+heat")

@@ -620,7 +620,7 @@ def test_other_actuators_are_tuned(tmp_path: Path, model: str, changes: tuple[tu
      "(second-order); with optional = true it is then not judged"),
     ("second-order", ORDER % ("step", "peak_current", "3 A"), "requirements.rise: peak_current: this actuator has no "
      "motor_current (second-order); with optional = true"),
-    (MODEL, ORDER % ("step", "rise_time", "3 s"), "no such parameter; made to be tuned are controller.kp, contr"),
+    (MODEL, ORDER % ("step", "rise_time", "3 s"), "no such parameter; the tunable parameters are controller.kp, contr"),
     ("second-order", None, "model second-order: the shipped studies are for nonlinear")])
 def test_what_an_actuator_lacks_is_said(tmp_path: Path, model: str, study: str | None, said: str) -> None:
     path = tmp_path / "order.toml"

@@ -74,7 +74,7 @@ def test_parameters_do_not_go_over_an_fmu(files: tuple[Path, Path], fmu: Path) -
     for command in (("report", fmu), ("baseline", "record", fmu)):
         refused = emcas(*command, "-p", files[0])
         assert refused.exit_code == 2
-        assert "has its parameters in it" in refused.stderr.replace("\n", " ")
+        assert "contains its parameters" in refused.stderr.replace("\n", " ")
 
 
 def test_a_campaign_names_several(files: tuple[Path, Path]) -> None:
