@@ -1,6 +1,6 @@
-"""An FMU of FMI 3.0 with the calls of fmpy's FMI 2.0 slave, so that studies run either version in the same way.
+"""FMUs of FMI 3.0 with the calls of fmpy's FMI 2.0 slave: studies run both versions in the same way.
 
-The elements of its arrays have their names of FMI 2.0, and indices instead of value references.
+The elements of arrays have the names of FMI 2.0, and indices instead of value references.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ class Element:
 
     @property
     def in_files(self) -> str:
-        """Its name in tables and parameter sets: an element of an array has its index there, from 0."""
+        """The name in tables and parameter sets, where an element of an array has its index, from 0."""
         return self.array if self.count == 1 else f"{self.array}[{self.index}]"
 
 
 def elements(description: Any, structured: Mapping[str, str]) -> tuple[Element, ...]:
     """Return the variables of fmpy's model description in order, arrays by element, without time and clocks.
 
-    `structured` maps the names of variables with other names to the structured ones.
+    `structured` maps the names of variables with flat names to structured names.
     """
     return tuple(e for v in description.modelVariables if v.causality != "independent" and v.type in _KINDS
                  for e in _elements(v, structured.get(v.name, v.name)))
@@ -60,7 +60,7 @@ def _elements(v: Any, structured: str) -> Iterator[Element]:
 
 
 class Fmi3Slave:
-    """fmpy's FMI 3.0 slave `slave` with the calls of FMI 2.0; variables have their index in `listed` as reference."""
+    """fmpy's FMI 3.0 `slave` with the calls of FMI 2.0; a variable's value reference is its index in `listed`."""
 
     def __init__(self, slave: Any, listed: Sequence[Element]) -> None:
         self._slave, self._listed = slave, listed
@@ -68,7 +68,7 @@ class Fmi3Slave:
         self.setReal = self.setInteger = self.setBoolean = self._set
 
     def setupExperiment(self) -> None:  # noqa: N802  as fmpy has it
-        """Do nothing: a run starts at 0 s, which in FMI 3.0 is the default of its initialization."""
+        """Do nothing: a run starts at 0 s, the default of the initialization in FMI 3.0."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._slave, name)

@@ -18,16 +18,17 @@ from .metrics import Array, crossing
 if TYPE_CHECKING:
     from .runs import Run
 
-SWEPT = (0.5, 24.0)  # Hz; above, a sweep to 30 Hz ends within half a segment of the estimate
-# Least share of the power of a sine's response that its fundamental has: a triangle has 0.986, a square 0.81.
+SWEPT = (0.5, 24.0)  # Hz, range of the estimate: a sweep to 30 Hz passes 24 Hz about half a segment before its end
+# Smallest share of a response's power in the fundamental for which the response is a sine: a triangle wave has 0.986,
+# a square wave 0.81.
 PURE = 0.9
 
-# Hann segments of the frequency response. A second is thirty times the actuator's memory, so that truncating a
-# response at a segment's end matters little, and short enough that a sweep's harmonics, which occur at
-# other times than the same frequency in the command, fall into other segments.
+# Length and overlap of the Hann segments. A second is thirty times the actuator's memory: truncating a response at a
+# segment's end matters little. It is also short: a sweep's harmonics, which occur at other times than the same
+# frequency in the command, fall into other segments.
 SEGMENT = 1.0  # s
-OVERLAP = 15.0 / 16.0
-# Share of the strongest input power below which a frequency counts as not excited.
+OVERLAP = 15.0 / 16.0  # share of a segment
+# Share of the largest input power below which a frequency counts as not excited.
 EXCITED = 1e-2
 
 
@@ -42,7 +43,7 @@ class FrequencyResponse:
 
     @property
     def gain_db(self) -> Array:
-        """Gain [dB]; -inf where the response is zero, as for a sine within the backlash."""
+        """Gain [dB]; -inf for a response of zero, such as that to a sine within the backlash."""
         with np.errstate(divide="ignore"):
             return 20.0 * np.log10(self.gain)
 
@@ -58,7 +59,7 @@ class FrequencyResponse:
 
     @property
     def beyond(self) -> float:
-        """Highest frequency [Hz], a lower bound of a bandwidth that is nan; nan where the gain is not finite."""
+        """Highest frequency [Hz], a lower bound of a bandwidth that is nan; itself nan if a gain is not finite."""
         measured = len(self.gain) > 0 and bool(np.all(np.isfinite(self.gain)))
         return float(self.frequency[-1]) if measured else nan
 
@@ -72,7 +73,7 @@ class FrequencyResponse:
 
 
 def of_ratio(frequency: Array, ratio: NDArray[Any]) -> FrequencyResponse:
-    """Return gain and unwrapped phase of a complex ratio at frequencies [Hz]; the phase of 0 is nan."""
+    """Return the frequency response with a complex `ratio` at each `frequency` [Hz]; the phase of 0 is nan."""
     phase = np.full(len(ratio), nan)
     passed = ratio != 0.0
     phase[passed] = np.unwrap(np.angle(ratio[passed]))
@@ -80,14 +81,14 @@ def of_ratio(frequency: Array, ratio: NDArray[Any]) -> FrequencyResponse:
 
 
 def frequency_response(time: Array, command: Array, response: Array, low: float, high: float) -> FrequencyResponse:
-    """Return the H1 estimate, S_cr / S_cc by Welch's method, between two frequencies [Hz] of a swept command.
+    """Return the H1 estimate S_cr / S_cc by Welch's method, from `low` to `high` [Hz], for a swept command.
 
     H1 (Bendat & Piersol, "Random Data", 4th ed., section 6.2) weights each segment by the command's power in it. The
     harmonics of a nonlinear response occur while the sweep is at other frequencies and cancel: the result is the
     fundamental, the describing function at the amplitude of the sweep. The response is first shifted back by its lag,
-    which would bias the estimate (ibid., section 11.3). Frequencies that the command does not excite are left out. Near
-    the ends of a sweep the estimate is poor where the sweep lasts less than half a segment. One sweep of 12 s from 0.5
-    to 30 Hz gives a second-order system with delay to 1.5 % from 0.5 to 22 Hz, and to 5 % at 24 Hz.
+    which would bias the estimate (ibid., section 11.3). Frequencies that the command does not excite are left out. The
+    estimate is poor at frequencies within half a segment of the sweep's ends. One sweep of 12 s from 0.5 to 30 Hz gives
+    a second-order system with delay within 1.5 % from 0.5 to 22 Hz, and within 5 % at 24 Hz.
     """
     rate = (len(time) - 1) / (time[-1] - time[0])
     lag = max(int(np.argmax(scipy.signal.correlate(response, command))) - (len(command) - 1), 0)
@@ -95,7 +96,7 @@ def frequency_response(time: Array, command: Array, response: Array, low: float,
     length = min(round(SEGMENT * rate), len(command))
     kept = int(OVERLAP * length)
     segments = scipy.signal.ShortTimeFFT(scipy.signal.get_window("hann", length), length - kept, rate, mfft=8 * length)
-    # Whole segments only, each from its first sample on.
+    # Whole segments only; the first begins at the first sample.
     of_command, of_response = (segments.stft(column, p0=0, p1=(len(command) - kept) // (length - kept),
                                              k_offset=length // 2) for column in (command, response))
     frequency, s_cc = segments.f, np.mean(np.abs(of_command) ** 2, axis=-1)
@@ -111,7 +112,7 @@ def frequency_response(time: Array, command: Array, response: Array, low: float,
 def sweep_response(run: Run, low: float = SWEPT[0], high: float = SWEPT[1]) -> FrequencyResponse:
     """Return the frequency response of a finished run under a sweep from `low` to `high` [Hz].
 
-    Its values are nan if the fin does not move.
+    The coherence is nan if the fin does not move.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         return frequency_response(run.columns["time"], run.excitation.command, run.columns["fin_angle"], low, high)
@@ -146,5 +147,6 @@ def fundamental_weights(time: Array, frequency: float, drift: bool = True) -> Ar
 
 
 def held(amplitude: complex, frequency: float, step: float) -> complex:
-    """Return the fundamental of a sinusoid of complex `amplitude` that is sampled and held every `step` [s]."""
+    """Return the fundamental of a sine of complex `amplitude` and `frequency` [Hz], sampled and held every `step` [s].
+    """
     return complex(amplitude * np.sinc(frequency * step) * np.exp(-1j * pi * frequency * step))

@@ -1,7 +1,7 @@
-"""The tests that requirements name, and the figures measured in them.
+"""The tests of requirements, and the figures measured in them.
 
-A motion or a load is tested in both directions; a figure is the worse of the two. All studies use these tests, so that
-a figure of a test has the same value wherever it is shown.
+A motion or a load is tested in both directions, and the worse figure counts. All studies use these tests: a figure has
+the same value wherever it is shown.
 """
 
 from __future__ import annotations
@@ -36,29 +36,29 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     **{kind: _MOVES for kind, each in MOTIONS.items() if each.jumps}, "slew": (*_MOVES, "rate_asymmetry"),
     "load": _RESTS, "release": _RESTS, "sine": _BANDWIDTHS, "linear": _MARGINS, "repeat": ("repeat_error",)}
 """The figures of each kind of test."""
-BANDWIDTHS = 2.0, 60.0  # Hz, between which a bandwidth is looked for
-GRID = tuple(np.geomspace(*BANDWIDTHS, 12).tolist())  # Hz; the interval between two neighbours is bisected
-BISECTIONS = 6  # to 2 parts in 1000
-LOOP_LOWEST, LOOP_POINTS = 0.05, 200  # Hz, and a number of points that gives margins to 1e-6
-CYCLES, FITTED = 4.0, 0.15  # fitted cycles of a sine, and their least duration in s
-TRANSIENT = (2.0, 0.1)  # cycles before them, and their least duration in s
+BANDWIDTHS = 2.0, 60.0  # Hz, range of the search for a bandwidth
+GRID = tuple(np.geomspace(*BANDWIDTHS, 12).tolist())  # Hz; the interval that contains a bandwidth is bisected
+BISECTIONS = 6  # which locate a bandwidth within 3 parts in 1000
+LOOP_LOWEST, LOOP_POINTS = 0.05, 200  # lowest frequency [Hz] and number of frequencies, which give margins to 1e-6
+CYCLES, FITTED = 4.0, 0.15  # smallest number of fitted cycles of a sine, and their shortest duration [s]
+TRANSIENT = (2.0, 0.1)  # smallest number of cycles before the fit, and their shortest duration [s]
 USE, REST = 6.0, 4.0  # s of the history of use and of the rest after it, four time constants of the integral
 
 
 @dataclass(frozen=True)
 class Test:
-    """A test of a `kind`.
-
-    `amplitude` [rad]; `duration` [s] of the part that is judged; `torque` [N.m] in the direction of motion, negative
-    against it; `settle` [s] before the judged part; `supply` as a share of the supply's start value.
+    """A test of a requirement, of one of these kinds:
 
     step     from rest at zero to amplitude, under a constant torque
-    slew     from -amplitude, held for `settle`, to amplitude; the torque rises with the command
+    slew     from -amplitude, held for `settle`, to amplitude; the torque rises after the command
     load     the torque is applied at once to a fin held at 0
     release  the torque on a fin held at 0 is removed at once after `settle`
-    sine     sines of an amplitude, the frequency bisected
+    sine     sines of this amplitude; bisection finds the frequency
     linear   the loop broken at the drive's reference
     repeat   slews after a history of use with this torque and a rest, compared with those of a fresh actuator
+
+    `amplitude` is in rad. `duration` [s] is that of the judged part, `settle` [s] the time before it. `torque` [N.m] is
+    positive in the direction of motion. `supply` is a share of the supply's start value.
     """
 
     __test__ = False  # not one of pytest's
@@ -92,7 +92,7 @@ class Test:
 
 
 def obstacle(test: Test, figure: str, subject: Subject) -> str:
-    """Return in words why a subject does not have this figure of a test; empty where it has."""
+    """Return the reason why a figure of a test cannot be measured for a subject; empty if it can."""
     if test.kind == "linear":
         lacks = capabilities.POSITION_LOOP not in subject.actuator.provides
         if lacks:
@@ -105,11 +105,11 @@ def obstacle(test: Test, figure: str, subject: Subject) -> str:
 
 def measure(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], figures: Sequence[str],
             senses: Sequence[str]) -> Array:
-    """Return the figures of a test [changes, figures] in SI, the worse of both directions by the sense of their limits.
+    """Return the figures of a test [changes, figures], in the units of FIGURES; the worse direction counts.
 
-    Each of the `changes` are the parameters of one variant that differ from the subject's; the figures of a variant do
-    not depend on the others. A figure without a value is nan, as are all figures of a variant whose response cannot be
-    computed.
+    Each item of `changes` has the parameters of a variant that differ from the subject's; a variant's figures do not
+    depend on other variants. `senses` are the senses of the figures' limits, `maximum` or `minimum`. A figure without
+    a value is nan, or inf for a time; all figures of a variant are nan if its response cannot be computed.
     """
     if test.kind == "linear":
         margins = [_margins(subject.parameters, each) for each in changes]
@@ -130,25 +130,26 @@ def measure(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], 
 
 
 def recorded(figures: Sequence[str]) -> tuple[str, ...]:
-    """Return the outputs that the figures of a motion or a load need."""
+    """Return the names of the outputs that the figures of a motion or a load need."""
     return tuple(dict.fromkeys(name for figure in ("sustained_rate", "peak_rate", *figures)
                                for name in FIGURES[figure].needs))
 
 
 def columns(subject: Subject, changes: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
-    """Return the parameters that differ from the subject's in a variant, with an array of their values in all."""
-    names = dict.fromkeys(name for each in changes for name in each) or [next(iter(subject.values))]  # none: any
+    """Return the parameters that any variant changes, with an array of their values in all variants."""
+    # Without changes, one parameter, whichever, defines the number of variants.
+    names = dict.fromkeys(name for each in changes for name in each) or [next(iter(subject.values))]
     others = {**subject.values, **subject.at_start}
     return {name: np.array([each.get(name, others[name]) for each in changes]) for name in names}
 
 
 def response(test: Test, subject: Subject, changes: Mapping[str, Any], sign: float = 1.0) -> Run:
-    """Return the run of a test with a motion or a load."""
+    """Return the run of a test with a motion or a load, in the direction `sign` (1 or -1)."""
     return _run(test, sign, subject, [changes], None)[0]
 
 
 def excitation(test: Test, sign: float, subject: Subject, changes: Mapping[str, Any] | None = None) -> Excitation:
-    """Return the excitation of a test with a motion or a load, in a direction.
+    """Return the excitation of a test with a motion or a load, in the direction `sign` (1 or -1).
 
     `changes` are changed parameters, arrays for many variants.
     """
@@ -180,12 +181,12 @@ def _motion(test: Test, sign: float) -> Excitation:
         return released.holding({LOAD: np.where(released.judged(released.time), 0.0, applied.columns[LOAD])})
     if test.kind == "slew":
         slew = slew_to(level, test.duration, torque, settle=test.settle)
-        return slew.holding({COMMAND: np.where(slew.judged(slew.time), level, -level)})  # from the first row on
+        return slew.holding({COMMAND: np.where(slew.judged(slew.time), level, -level)})  # -level from the first row
     return excited(test.kind, level, test.duration).holding({LOAD: torque})
 
 
 def _moved(runs: Runs) -> dict[str, Array]:
-    """Return the figures of steps, slews or loads."""
+    """Return the figures of finished motions or loads, and nan for the other runs."""
     indices, finished = runs.finished()
     figures = {**usage(finished), **(motion(finished, -1) if finished.excitation.moves else rest(finished))}
     figures["steady_error"] = np.abs(figures["steady_error"])
@@ -193,7 +194,7 @@ def _moved(runs: Runs) -> dict[str, Array]:
 
 
 def _among(runs: Runs, indices: Array, values: Any) -> Array:
-    """Return the values for all runs: those of the runs at these indices, and nan for the others."""
+    """Return an array for all runs, with the values of the runs at `indices` and nan for the others."""
     every = np.full((len(runs), *np.shape(values)[1:]), nan, dtype=np.result_type(values))
     every[indices] = values
     return every
@@ -203,10 +204,10 @@ def _among(runs: Runs, indices: Array, values: Any) -> Array:
 
 
 def _use(test: Test, subject: Subject) -> Iterator[dict[str, Array]]:
-    """Yield the inputs of a history of use, second by second, as shares of their amplitudes.
+    """Yield the inputs of a history of use, second by second, as shares of the amplitude, torque and start values.
 
-    One-sided cycles and loads beyond the stall torque, in either direction; disabling in motion; a supply that breaks
-    down; commands beyond the range, faster than the fin can follow.
+    It consists of one-sided cycles and a load near or beyond the stall torque, in each direction; disabling in motion;
+    a supply that breaks down; and commands that exceed the range and the fin's rate.
     """
     phase = times(1.0)[:-1]
     one_sided = np.interp(phase % 0.5, [0.0, 0.15, 0.35, 0.5], [1.0, 1.0, 0.0, 0.0])
@@ -222,18 +223,18 @@ def _use(test: Test, subject: Subject) -> Iterator[dict[str, Array]]:
 def _repeated(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]]) -> Array:
     """Return the largest difference [rad] of slews after a history of use and rest from those of a fresh actuator."""
     differing, angles = columns(subject, changes), []
-    for made in histories(test, subject, {name: _start(subject, name, differing) for name in subject.inputs}):
-        runs = subject.run_all(made, differing, ("fin_angle",))
+    for history in histories(test, subject, {name: _start(subject, name, differing) for name in subject.inputs}):
+        runs = subject.run_all(history, differing, ("fin_angle",))
         indices, finished = runs.finished()
-        angles.append(_among(runs, indices, finished.columns["fin_angle"][..., made.judged(made.time)]))
+        angles.append(_among(runs, indices, finished.columns["fin_angle"][..., history.judged(history.time)]))
     difference: Array = np.max(np.abs(angles[0] - angles[1]), axis=-1)
     return difference
 
 
 def histories(test: Test, subject: Subject, starts: Mapping[str, Any]) -> tuple[Excitation, Excitation]:
-    """Return the inputs of a used actuator and of a fresh one; the slews at their end are judged.
+    """Return the excitations of a used actuator and of a fresh one; the slews at their end are judged.
 
-    `starts` are start values of inputs in SI, arrays [variants, 1] where they differ between variants.
+    `starts` are start values of inputs, arrays [variants, 1] if they differ between variants.
     """
     history = list(_use(test, subject))
     used = len(history) * round(1.0 / STEP)
@@ -258,16 +259,16 @@ def histories(test: Test, subject: Subject, starts: Mapping[str, Any]) -> tuple[
 
 _LEVELS: Mapping[str, Callable[[complex], float]] = {
     "bandwidth_3db": lambda h: abs(h) - 10.0 ** (-3.0 / 20.0),
-    "bandwidth_90deg": lambda h: h.real,  # a servo's lag grows from zero: it is 90 deg where this first vanishes
+    "bandwidth_90deg": lambda h: h.real,  # a servo's lag grows from zero; at 90 deg the real part first becomes 0
 }
 
 
 def _bandwidths(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], figures: Sequence[str]) -> Array:
-    """Return the frequencies at which gain and lag cross their levels, by bisection of the describing function.
+    """Return the frequencies [Hz] at which gain and lag cross their levels, by bisection of the describing function.
 
-    Each variant has its own bisection; the sines that all variants need next are simulated together, each frequency
-    once. The result is the highest frequency where a level is not crossed, and nan where a response at a lower
-    frequency is not a sine, as in hunting.
+    Each variant has its own bisection; the next sines of all variants are simulated together, each frequency once. If
+    a level is not crossed, the result is the highest frequency of the search; it is nan if a response up to the
+    crossing is not a sine, as in hunting.
     """
     known: list[dict[float, complex]] = [{} for _ in changes]
 
@@ -302,16 +303,18 @@ def _bandwidths(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any
 
 def sweep_figures(response: FrequencyResponse, subject: Subject, amplitude: float,
                   changes: Mapping[str, Any]) -> dict[str, float]:
-    """Return the figures of a sweep of `amplitude` [rad]; its bandwidths are those under steady sines."""
+    """Return the figures of a sweep of `amplitude` [rad]; the bandwidths are measured with steady sines."""
     (bandwidths,) = measure(Test("sine", amplitude), subject, [changes], _BANDWIDTHS, ("minimum",) * len(_BANDWIDTHS))
     return {**swept(response), **dict(zip(_BANDWIDTHS, bandwidths.tolist(), strict=True))}
 
 
 def describing_function(subject: Subject, changes: Sequence[Mapping[str, Any]], amplitude: float,
                         frequency: Sequence[float]) -> Array:
-    """Return the fundamental of the fin angle over a sine command of `amplitude` [rad], for each variant at its
-    frequency [Hz]; nan where the response cannot be computed, or is not a sine (the fundamental has less than PURE of
-    its power)."""
+    """Return the complex ratio of the fin angle's fundamental to a sine command of `amplitude` [rad].
+
+    Each variant has its own `frequency` [Hz]. The ratio is nan if the response cannot be computed, or if it is not a
+    sine: its fundamental has less than the share PURE of its power.
+    """
     at = np.array(frequency)
     cycles = np.ceil(np.maximum(CYCLES / at, FITTED) * at)
     runs = subject.run_all(sine(amplitude, at, cycles, TRANSIENT), columns(subject, changes), ("fin_angle",))
@@ -331,7 +334,7 @@ def _fundamental(angle: Array, frequency: float, cycles: float) -> complex:
 
 @lru_cache(maxsize=1024)  # all bisections use the same frequencies
 def _weights(frequency: float, cycles: float) -> tuple[int, Array]:
-    """Return the first fitted row, and the weights of the fitted rows."""
+    """Return the index of the first fitted row, and the weights of the fitted rows."""
     begin = max(TRANSIENT[0] / frequency, TRANSIENT[1])
     time = times(begin + cycles / frequency)
     fitted = (time >= begin) & (time <= begin + cycles / frequency)
@@ -351,7 +354,7 @@ def _unlinear(parameters: ParameterSet) -> str:
 def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, float]:
     """Return the margins of the loop broken at the drive's reference.
 
-    They are nan where the closed loop is unstable, or where the actuator cannot rest.
+    They are nan if the closed loop is unstable, if the actuator cannot rest, or if it has no linear model.
     """
     from .linear.actuator import LinearActuator, sound
     from .linear.frequency import highest, margins
@@ -364,5 +367,5 @@ def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, 
     if linear.idle or not linear.stable:
         return dict.fromkeys(_MARGINS, nan)
     loop = linear.loop("reference")
-    broken = margins(loop, np.geomspace(LOOP_LOWEST, highest(loop), LOOP_POINTS))
-    return dict(zip(_MARGINS, (broken.gain_db, broken.phase, broken.delay), strict=True))
+    result = margins(loop, np.geomspace(LOOP_LOWEST, highest(loop), LOOP_POINTS))
+    return dict(zip(_MARGINS, (result.gain_db, result.phase, result.delay), strict=True))

@@ -42,7 +42,7 @@ def embedded(root: Path, file: Path, names: Mapping[str, str], model: str) -> tu
             if related.get("type") == EXPERIMENTS and related.get("role") in _INDEPENDENT
             for experiment in parse(path(related)).findall("Experiment"))
     except (ParseError, ValueError, LookupError, TypeError, OSError) as error:
-        raise EmcasError(f"{file}: the references inside cannot be read ({error}); build it again, or name a "
+        raise EmcasError(f"{file}: the references inside cannot be read ({error}); build it again, or choose a "
                          "directory of references") from error
 
 
@@ -69,7 +69,7 @@ def _stored(experiment: Element, path: Callable[[Element | None], Path], single:
 
 
 def _scalars(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield columns and values by name; elements of an array with their indices from 0."""
+    """Yield columns or values with their names; an array's elements have their index, from 0, in the name."""
     for name, value in values.items():
         if isinstance(value, list) or getattr(value, "ndim", 1) > 1:
             yield from ((f"{name}[{k}]", each) for k, each in enumerate(value if isinstance(value, list) else value.T))
@@ -78,6 +78,6 @@ def _scalars(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _value(element: Element) -> bool | float | list[bool | float]:
-    """Return a value of a parameter set; a string holds the elements of an array."""
+    """Return a value of a parameter set; a string contains the elements of an array."""
     values = [word == "true" if word in ("true", "false") else float(word) for word in element.attrib["value"].split()]
     return values if element.tag.endswith("String") else values[0]

@@ -1,6 +1,6 @@
-"""Requirements judged: the measured value of each, whether it is met, and its margin.
+"""Verdicts on requirements: the measured value, the margin, and whether the limit is kept.
 
-All pages and commands get their verdicts from `judge`; `evaluate` measures many variants at once.
+All pages and commands use the verdicts of `judge`; `evaluate` measures many variants at once.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SENSES = {"maximum": "<=", "minimum": ">="}
 
 
 class Measured(NamedTuple):
-    """The measured value of a requirement in a case, SI; nan without a value."""
+    """The measured value of a requirement in a case, in the requirement's `unit`; nan or inf without a value."""
 
     requirement: Requirement
     case: Case
@@ -39,11 +39,11 @@ class Measured(NamedTuple):
 
 @dataclass(frozen=True)
 class Judged:
-    """A requirement and its measured value: `measured` [unit] at least or at most `limit` [unit].
+    """A requirement with its measured value: `measured` [unit] must be at least or at most `limit` [unit].
 
-    ``measured`` is None where it was not measured (skipped) or has no value (failed), with the reason in ``note``. Of a
-    bandwidth ``beyond`` the range of the search it is the nearer end of the range. ``how`` says how it was measured,
-    ``case`` is the case of the worst value.
+    ``measured`` is None if the figure was not measured (skipped) or has no value (missed); ``note`` has the reason. For
+    a bandwidth ``beyond`` the range of the search it is the nearer end of that range. ``how`` describes the
+    measurement; ``case`` is the case of the worst value, empty for a requirement with one case.
     """
 
     source: str
@@ -63,29 +63,29 @@ class Judged:
 
     @property
     def margin(self) -> float | None:
-        """Distance to the limit [unit], negative where it is missed."""
+        """Distance to the limit [unit], negative if the limit is missed; None without a value."""
         if self.measured is None or not isfinite(self.measured):
             return None
         return self.measured - self.limit if self.sense == ">=" else self.limit - self.measured
 
     @property
     def margin_percent(self) -> float | None:
-        """The margin in % of the limit."""
+        """The margin in % of the limit; None without a value."""
         return None if self.margin is None or not self.limit else 100.0 * self.margin / abs(self.limit)
 
     @property
     def passed(self) -> bool:
-        """Whether the limit is kept; false for a figure that is missing, not finite or a bound on the wrong side."""
+        """Whether the limit is kept; false without a value, or if the margin has only an upper bound."""
         return self.margin is not None and bool(self.margin >= 0.0) and self.more_margin != "< "
 
     @property
     def more(self) -> str:
-        """The sign before a figure that is a bound; otherwise empty."""
+        """The sign before a figure that is a bound, ``< `` or ``> ``; otherwise empty."""
         return "" if not self.beyond or self.measured is None else "< " if self.measured <= BANDWIDTHS[0] else "> "
 
     @property
     def more_margin(self) -> str:
-        """The sign before the margin, which is reversed where the limit is a maximum."""
+        """The sign before the margin, which is the reverse of `more` for a maximum."""
         return self.more if self.sense == ">=" else {"> ": "< ", "< ": "> "}.get(self.more, "")
 
     def as_dict(self) -> dict[str, Any]:
@@ -106,17 +106,17 @@ class Judged:
 
 def evaluate(subject: Subject, specification: Specification, changes: Sequence[Mapping[str, Any]],
              progress: Progress = silent) -> list[list[Measured]]:
-    """Return the figures of all requirements that can be measured, in their cases, for each of several variants.
+    """Return, for each variant, the figures of all requirements that can be measured, in their cases.
 
-    Each of the `changes` are the parameters of a variant that differ from the subject's; those of a case override them.
-    The figures of a variant do not depend on the others. Their order is that of the cases, then of the requirements.
-    `progress` is called with the test.
+    Each item of `changes` has the parameters of a variant that differ from the subject's; a case overrides them. The
+    figures of a variant do not depend on other variants. Their order is that of the cases, then that of the tests.
+    `progress` is called with each test.
     """
     cases = {case.name: case for case in specification.cases}
-    able = [(r.test, r) for r in specification.requirements if r.test and not r.obstacle(subject)]
+    measurable = [(r.test, r) for r in specification.requirements if r.test and not r.obstacle(subject)]
     figures: dict[tuple[int, str], list[Measured]] = {(k, name): [] for k in range(len(changes)) for name in cases}
     tests = [(test, [r for _, r in group])
-             for test, group in groupby(sorted(able, key=lambda each: repr(each[0])), key=lambda each: each[0])]
+             for test, group in groupby(sorted(measurable, key=lambda each: repr(each[0])), key=lambda each: each[0])]
     for done, (test, requirements) in enumerate(tests):
         progress(str(test), done, len(tests))
         variants = [(k, name) for k in range(len(changes)) for name in cases
@@ -132,7 +132,7 @@ def evaluate(subject: Subject, specification: Specification, changes: Sequence[M
 
 
 def judge(subject: Subject, specification: Specification, progress: Progress = silent) -> list[Judged]:
-    """Judge a subject by requirements, each in its worst case; `progress` is called with the test."""
+    """Return the verdicts on a subject, each in its requirement's worst case; `progress` is called with each test."""
     (figures,) = evaluate(subject, specification, [{}], progress)
     by_name: dict[str, list[Measured]] = {}
     for figure in figures:
@@ -141,12 +141,12 @@ def judge(subject: Subject, specification: Specification, progress: Progress = s
 
 
 def worst_of(figures: Iterable[Measured]) -> Measured:
-    """Return the worst figure of a requirement; a missing value is the worst."""
+    """Return the worst figure of a requirement; a figure without a finite value is the worst."""
     return max(figures, key=lambda f: f.requirement.sign * f.measured if isfinite(f.measured) else np.inf)
 
 
 def judged(r: Requirement, figures: Sequence[Measured], subject: Subject) -> Judged:
-    """Return a requirement with its worst figure; skipped where none was measured."""
+    """Return the verdict on a requirement from its worst figure; it is skipped if none was measured."""
     unit, factor = r.shown
     fixed: dict[str, Any] = {
         "source": r.source, "name": r.name, "title": r.title or r.name, "sense": SENSES[r.sense],
@@ -165,34 +165,34 @@ def judged(r: Requirement, figures: Sequence[Measured], subject: Subject) -> Jud
 
 
 def _why(r: Requirement, measured: float) -> str:
-    """Return in words why a figure has no value."""
+    """Return the reason why a figure has no value."""
     kind = r.test.kind if r.test else ""
     if kind == "linear":
-        return "the loop is unstable when closed, or the actuator cannot rest at 0"
+        return "the closed loop is unstable, or the actuator cannot rest at 0"
     if not isnan(measured):
-        return "it is not there by the end"
+        return "the condition is not met by the end of the run"
     if kind == "sine":
-        return "the response is not a sine of the command's frequency, or did not run to the end"
-    return "the response never reaches what is measured, or did not run to the end"
+        return "the response is not a sine of the command's frequency, or the run ended early"
+    return "the response never reaches the measured condition, or the run ended early"
 
 
 def counted(judged: Sequence[Judged]) -> list[Judged]:
-    """Return those that were not skipped."""
+    """Return the verdicts that were not skipped."""
     return [j for j in judged if not j.skipped]
 
 
 def missed(judged: Sequence[Judged]) -> list[Judged]:
-    """Return those that were not skipped and are not met."""
+    """Return the verdicts of missed requirements."""
     return [j for j in counted(judged) if not j.passed]
 
 
 def all_passed(judged: Sequence[Judged]) -> bool:
-    """Return whether at least one requirement was not skipped and all of these are met."""
+    """Return whether at least one requirement was judged and all judged requirements are met."""
     return bool(counted(judged)) and not missed(judged)
 
 
 def in_words(judged: Sequence[Judged], one: str = "requirement", many: str = "requirements") -> str:
-    """Return in words how many are met or not judged, and which are missed; `one` and `many` are nouns for them."""
+    """Return how many requirements are met or not judged, and the missed ones, in words; `one` and `many` are nouns."""
     total, failed = len(counted(judged)), len(missed(judged))
     left = len(judged) - total
     met = ("nothing was judged" if not total else
@@ -235,6 +235,6 @@ def summary_table(heading: str, judged: Sequence[Judged]) -> Table:
 
 
 def marked(j: Judged) -> Text:
-    """Return in a word, for the terminal, whether a requirement is met."""
+    """Return the verdict in a word, for the terminal."""
     return (Text("not judged", "dim") if j.skipped else Text("ok", "green") if j.passed else
             Text("FAIL", "bold red"))

@@ -167,7 +167,7 @@ def test_a_unit_that_hunts_fails_by_what_says_so() -> None:
         assert "no value" in str(hunting[name])
     assert "unstable" in hunting["gain_margin"].note
     assert "not a sine" in hunting["lag"].note
-    assert "not there by the end" in hunting["settling"].note
+    assert "not met by the end" in hunting["settling"].note
     sound = shipped({}, *names)
     assert [name for name in names if not sound[name].passed] == []
 
@@ -247,7 +247,7 @@ def test_a_figure_without_value_is_worse_than_any_and_says_why() -> None:
     (wanted,) = (r for r in load_requirements(None, parameters).requirements if r.name == "settling")
     from emcas_fmu.bench.requirements import NOMINAL, Case
     from emcas_fmu.bench.verdict import Measured
-    for bad, said in ((nan, "never reaches"), (inf, "not there by the end")):
+    for bad, said in ((nan, "never reaches"), (inf, "not met by the end")):
         figures = [Measured(wanted, case, value) for case, value in (
             (NOMINAL, 1e9), (Case("odd", {}), bad), (NOMINAL, 0.01))]
         row = judged(wanted, figures, subject)
@@ -262,7 +262,7 @@ def test_a_unit_that_stops_has_no_figures_and_passes_nothing() -> None:
     of_runs = [j for j in found.values() if not j.figure.endswith("_margin")]
     assert len(of_runs) > 20
     assert all(j.measured is None and not j.passed and not j.skipped for j in of_runs)
-    assert all("no value" in str(j) and "did not run to the end" in j.note for j in of_runs)
+    assert all("no value" in str(j) and "the run ended early" in j.note for j in of_runs)
 
 
 def test_what_is_skipped_counts_neither_way() -> None:
