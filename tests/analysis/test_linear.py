@@ -288,7 +288,7 @@ def test_margins_of_requirements_are_those_of_many_frequencies(name: str) -> Non
     parameters = load_parameters(model=model).with_values(changes)
     loop = LinearActuator(parameters.values, model=model).loop("reference")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(frequency, "_resolved", lambda loop, grid: grid)
+        patch.setattr(frequency, "_refined", lambda loop, grid: grid)
         expected = frequency.margins(loop, np.geomspace(0.05, frequency.highest(loop), 20_000))
     found = measure(Test("linear"), ParameterSubject(parameters), [{}],
                     ("gain_margin", "phase_margin", "delay_margin"), ("minimum",) * 3)[0]

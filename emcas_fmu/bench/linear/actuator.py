@@ -6,10 +6,10 @@ matrix exponentials, split where the delayed reference reaches the drive; the de
 and transport delay are therefore exact, without a rational approximation (Astroem & Wittenmark, "Computer-Controlled
 Systems", 3rd ed., section 2.6).
 
-The linear model has limits as at the operating point, no gaps or quantisation, and no dry friction or compensation of
-it. The command is read at every sample. The model has the command's latency and, with the encoder enabled, the speed
-from the difference of two samples. Of the extensions, heat sets the motor's temperatures at the start; faults and
-homing are left out; those of friction and the screw have no effect, since they are not smooth at rest.
+In the linear model, limits are as at the operating point, and gaps, quantisation, dry friction and its compensation are
+left out. The command is read at every sample. The model includes the command's latency and, with the encoder enabled,
+the speed from the difference of two samples. Among the extensions, heat sets the motor's temperatures at the start;
+faults and homing are left out; those of friction and the screw have no effect, since they are not smooth at rest.
 """
 
 from __future__ import annotations
@@ -40,10 +40,11 @@ from .systems import Array, System, cleared, decays, delay_line, measured, movin
 LOOPS = {"current": (capabilities.CURRENT_LOOP, capabilities.DRIVE_STEP), "velocity": (capabilities.CASCADE,),
          "position": (capabilities.CASCADE,), "reference": (capabilities.POSITION_LOOP,)}
 """Loops by name, with the capabilities that each needs."""
+# One degree of freedom: the cascade depends only on the difference of command and measured angle.
 _ONE_DEGREE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 0.0,
                "trajectory.natural_frequency": 0.0}
 _PORTS = (("command", "aero_torque"), ("fin_angle", "reference"))
-_MOST_GROWTH = 100.0  # logarithm of the largest growth of a mode within a sample
+_MOST_GROWTH = 100.0  # natural logarithm of the largest growth of a mode within a sample
 _CONTROLLERS = ("the controllers do not react to a small deviation at rest (a dead band, switch or gain of 0 in "
                 "`sample`)")
 _PLANT = "the fin does not react to a small reference at rest (a dead band, switch or reached limit in `derivatives`)"
@@ -57,8 +58,8 @@ class NotLinearError(EmcasError):
 class OperatingPoint:
     """An equilibrium of the actuator.
 
-    Fin angle [rad], hinge moment [N.m], reference [V for a drive], motor angle [rad], reduction ratio R [1], current
-    [A] and voltage [V]; the last four are nan for an actuator without them.
+    The fields are fin angle [rad], hinge moment [N.m], reference [V for a drive], motor angle [rad], reduction ratio
+    R [1], current [A] and voltage [V]. The last four are nan for an actuator without them.
     """
 
     fin_angle: float
@@ -71,7 +72,7 @@ class OperatingPoint:
 
 
 def sound(parameters: ParameterSet) -> ParameterSet:
-    """Return the parameters for the homed actuator without faults.
+    """Return the parameters of the actuator without the extensions homing and faults.
 
     Raises EmcasError for an actuator that cannot be analysed linearly.
     """
@@ -82,7 +83,7 @@ def sound(parameters: ParameterSet) -> ParameterSet:
 
 
 def obstacle(parameters: ParameterSet) -> str:
-    """Return in words why an actuator with a sampled position loop has no margins at 0; empty if it has."""
+    """Return the reason why an actuator with a sampled position loop has no margins at 0; otherwise empty."""
     homed = sound(parameters)
     try:
         return LinearActuator(homed.values, model=homed.model).idle
@@ -93,12 +94,12 @@ def obstacle(parameters: ParameterSet) -> str:
 
 
 class LinearActuator:
-    """The linearised actuator of flat parameter `values` in SI, at rest at `fin_angle` [rad] under `aero_torque` [N.m].
+    """The actuator linearised at rest at `fin_angle` [rad] under `aero_torque` [N.m].
 
-    ``continuous`` is the plant, ``plant`` the plant at the samples with the delay, ``controller`` the sampled
-    controllers. ``rest`` are the plant's states at rest, ``loops`` the names of its LOOPS. Sampled states keep their
-    start values while the states at rest are computed. Raises EmcasError if the actuator cannot rest there, or if it
-    has no linear model.
+    `values` are the flat parameters. ``continuous`` is the plant, ``plant`` the plant at the samples with the delay,
+    ``controller`` the sampled controllers. ``rest`` are the plant's states at rest, ``loops`` the names of its LOOPS.
+    Sampled states keep their start values while the states at rest are computed. Raises EmcasError if the actuator
+    cannot rest there, or if it has no linear model.
     """
 
     def __init__(self, values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0,
@@ -106,10 +107,10 @@ class LinearActuator:
         self.actuator = actuator = get(model)
         if actuator.derivatives is None:
             raise NotLinearError(f"model {model}: linear analysis needs derivatives; {actuator.name} declares "
-                                 "a step only, declare both")
+                                 "a step only; declare derivatives as well")
         limit = values["command.limit"]
         if not abs(fin_angle) <= limit * (1.0 + 1e-9):
-            raise EmcasError(f"operating point {degrees(fin_angle):g} deg: no command reaches it; give an angle within "
+            raise EmcasError(f"operating point {degrees(fin_angle):g} deg: no command reaches it; use an angle within "
                              f"±{degrees(limit):g} deg (command.limit)")
         p = actuator.namespace(values)
         self._latency = int(bus.latency(FLOATS, p))
@@ -126,13 +127,13 @@ class LinearActuator:
     def _linearise_plant(self) -> None:
         """Compute the states at rest and linearise the plant there.
 
-        Gains that do not affect the plant share the result.
+        Actuators that differ only in gains without effect on the plant share the result.
         """
         start, count = self._traced.start(self._gains).tolist(), len(self._traced.states)
         self._kept = start[count:]
         plant = self._plant_at_rest((*start[:count], 0.0))
         self.rest, self.continuous, self._voltage = plant.states, plant.continuous, plant.voltage
-        self.point = self._resting(plant)
+        self.point = self._operating_point(plant)
         plan = schedule(FLOATS, self.p, self.actuator)
         if np.max(plant.continuous.poles().real, initial=0.0) * self.period > _MOST_GROWTH:
             raise EmcasError(f"{self._where} a mode of the plant grows beyond all numbers within a sample; check the "
@@ -140,25 +141,28 @@ class LinearActuator:
         self.plant = plant.sampled(self.period, int(plan.delay_samples), float(plan.arrival))
 
     def _plant_at_rest(self, begin: tuple[float, ...]) -> LinearPlant:
-        """Return the plant at rest, from states and a reference to begin at. Raises EmcasError if it cannot rest."""
+        """Return the plant at rest; the search begins at the states and reference `begin`.
+
+        Raises EmcasError if it cannot rest.
+        """
         plant = self._rest(self._traced.plant, begin)
         if plant and not plant.moves and not self._exceeded(plant):
             return plant
-        # Without limits it rests beyond one, which is named, or near the rest within them.
+        # Without limits, the plant rests beyond a limit, which the message names, or near its rest within the limits.
         free = self._rest(self._traced.unlimited, begin)
         if free and not free.moves:
             if exceeded := self._exceeded(free):
-                raise EmcasError(f"{self._where} holding it needs {exceeded}; give a smaller torque")
+                raise EmcasError(f"{self._where} holding it needs {exceeded}; use a smaller torque")
             plant = self._rest(self._traced.plant, (*free.states, free.reference))
             if plant and not plant.moves:
                 return plant
         elif free and not self._moves(free.continuous):
-            raise NotLinearError(self._deaf(_PLANT))
+            raise NotLinearError(self._not_reacting(_PLANT))
         moves = f" ({plant.moves} does not become 0)" if plant else ""
-        raise EmcasError(f"{self._where} no reference within the drive's limits holds it{moves}; give a smaller torque")
+        raise EmcasError(f"{self._where} no reference within the drive's limits holds it{moves}; use a smaller torque")
 
     def _rest(self, equations: Linearised, begin: tuple[float, ...]) -> LinearPlant | None:
-        """Return the plant at rest, from states and a reference to begin at; None if it is not finite on the way.
+        """Return the plant at rest; None if values are not finite in the search, which starts at `begin`.
 
         Raises EmcasError for equations without a finite value or slope.
         """
@@ -176,16 +180,16 @@ class LinearActuator:
         return f"operating point {degrees(self._at[0]):g} deg under {self._at[1]:g} N.m:"
 
     def _exceeded(self, plant: LinearPlant) -> str:
-        """Return in words the limit that a rest reaches; empty if it reaches none."""
-        solved = {"drive.current_limit": (capabilities.CURRENT_LIMIT, plant.outputs[2], "A"),
-                  "drive.supply_voltage": (capabilities.VOLTAGE_LIMIT, plant.outputs[3], "V"),
-                  "drive.reference_limit": (capabilities.REFERENCE_LIMIT, plant.reference, "V")}
+        """Return in words the limit that the plant at rest reaches; empty if it reaches none."""
+        needs = {"drive.current_limit": (capabilities.CURRENT_LIMIT, plant.outputs[2], "A"),
+                 "drive.supply_voltage": (capabilities.VOLTAGE_LIMIT, plant.outputs[3], "V"),
+                 "drive.reference_limit": (capabilities.REFERENCE_LIMIT, plant.reference, "V")}
         return next((f"{abs(needed):.4g} {unit}, {name} is {self.values[name]:g} {unit}"
-                     for name, (capability, needed, unit) in solved.items()
+                     for name, (capability, needed, unit) in needs.items()
                      if capability in self.actuator.provides and abs(needed) >= self.values[name]), "")
 
-    def _resting(self, plant: LinearPlant) -> OperatingPoint:
-        """Return the operating point."""
+    def _operating_point(self, plant: LinearPlant) -> OperatingPoint:
+        """Return the operating point; values within rounding of 0 are 0."""
         (fin_angle, aero_torque), provides = self._at, self.actuator.provides
         reference, motor, current, voltage = (
             cleared(float(x), 1e-12) for x in (plant.reference, *plant.outputs[1:]))
@@ -209,7 +213,7 @@ class LinearActuator:
             return values, slopes
 
         start = np.array(self._kept)
-        # The command at which the controllers hold the fin angle. It differs from it if their plant parameters deviate.
+        # The command with which the controllers hold the fin angle; they differ if the plant's parameters deviate.
         command = float(at(start, self._at[0])[0][count + 1])
 
         def balance(state: Array) -> tuple[Array, Array]:
@@ -247,7 +251,7 @@ class LinearActuator:
 
     @property
     def hidden(self) -> Array:
-        """Poles of the modes that are not controllable by command and load or not observable at angle and reference."""
+        """Poles z of the modes that command and load do not control, or that angle and reference do not show."""
         return self._shown[1]
 
     @property
@@ -292,7 +296,7 @@ class LinearActuator:
 
     @property
     def reference_name(self) -> str:
-        """The name of the reference in sentences; of an actuator without a drive it may be a valve's opening."""
+        """The name of the reference in sentences; for an actuator without a drive it may be a valve's opening."""
         drive = any(v.name == "drive_reference" for v in self.actuator.outputs)
         return "the drive's reference" if drive else "the reference"
 
@@ -300,8 +304,8 @@ class LinearActuator:
     def idle(self) -> str:
         """The reason why the fin does not react to a small change of the command; empty if it does."""
         if not reaches(self.controller, ["command"], self._acting):
-            return self._deaf(_CONTROLLERS)
-        return "" if self._moves(self.continuous) else self._deaf(_PLANT)
+            return self._not_reacting(_CONTROLLERS)
+        return "" if self._moves(self.continuous) else self._not_reacting(_PLANT)
 
     @property
     def _acting(self) -> list[str]:
@@ -310,7 +314,7 @@ class LinearActuator:
     def _moves(self, plant: System) -> bool:
         return reaches(plant, self._acting, ["fin_angle"])
 
-    def _deaf(self, what: str) -> str:
+    def _not_reacting(self, what: str) -> str:
         return (f"{self._where} {what}: linear figures are not available; see its responses (emcas report), or set the "
                 "dead band to 0")
 
@@ -323,8 +327,7 @@ class LinearActuator:
         """Return a continuous rational approximation of `closed`, for tools that need one.
 
         A Padé approximation of `order` replaces the transport delay and half a sample of hold. The controllers become
-        the differential equations that they solve by Euler steps, with the speed measured without lag. In this package
-        only the crosses in the root locus use it.
+        the differential equations that they solve by Euler steps, with the speed measured without lag.
         """
         lagless = self
         if capabilities.ENCODER in self.actuator.provides:

@@ -16,18 +16,18 @@ from ...ops.base import Value
 from ...physics import loads
 from ...trace.tracer import Tracer
 
-# The controllers' command is the one on the bus; its latency is a separate block, in no loop.
+# The controllers' command is that on the bus; the command's latency is a separate block outside all loops.
 LEFT_OUT = {"compensation.gain": 0.0, "command.latency": 0.0, "command.resolution": 0.0, "command.update_time": 0.0}
-"""Parameters that have other values in a linear model."""
+"""Values of parameters that a linear model replaces."""
 OUTPUTS = ("fin_angle", "motor_angle", "motor_current", "motor_voltage")
-"""The outputs of a plant that follow the rates of its states."""
+"""The outputs that `Equations.plant` returns after the rates of the states."""
 
 
 class Equations:
     """Plant and sampled controllers as functions of states and inputs.
 
-    `p` are the parameters with the flat `values`, numbers or symbols; `ops` are operations without quantisation,
-    `command_ops` those of the controllers. The command is `fin_angle` [rad].
+    `p` is the namespace of the parameters' flat `values`, numbers or symbols. `ops` are the plant's operations without
+    quantisation, `command_ops` those of the controllers. The command at rest is `fin_angle` [rad].
     """
 
     def __init__(self, actuator: Actuator, values: Mapping[str, Any], p: Any, ops: Any, command_ops: Any,
@@ -50,7 +50,7 @@ class Equations:
         return [getattr(x, name) for name in (*self.states, *self.kept)]
 
     def acting(self, reference: Value, aero_torque: Value, sampled: Sequence[Value]) -> PlantInputs:
-        """Return the inputs of the plant; those that are not arguments have their start values."""
+        """Return the inputs of the plant; inputs that are not arguments have their start values."""
         return PlantInputs(
             reference=reference, **vars(loads.level(self._ops, self._p, aero_torque)), supply=self._supply,
             enabled=True, rated_current_limit=None, command=self._at, sampled_reference=reference,
@@ -59,9 +59,10 @@ class Equations:
             **dict(zip(self.sampled, sampled, strict=True)))
 
     def plant(self, *arguments: Value, ops: Any = None) -> list[Value]:
-        """Return the states' rates and OUTPUTS; with other `ops`, such as those without limits, if there are any.
+        """Return the rates of the states, then OUTPUTS.
 
-        `arguments` are the states, the reference, the hinge moment [N.m] and the sampled states.
+        `arguments` are the states, the reference, the hinge moment [N.m] and the sampled states. `ops`, such as
+        operations without limits, replace those of the plant.
         """
         ops = ops or self._ops
         x = Record(**dict(zip(self.states, arguments, strict=False)))
@@ -92,8 +93,7 @@ def plain(model: str) -> str:
 
 
 class Unquantised:
-    """Symbolic operations without quantisation, and with limits as choices: at a limit they have the slope inside it.
-    """
+    """Symbolic operations without quantisation; a limit is a choice with, at the limit, the slope inside it."""
 
     where: Callable[..., Value]
 
@@ -107,17 +107,17 @@ class Unquantised:
 
 
 class _Program(Unquantised, Tracer):
-    """A tracer of a program with these operations."""
+    """A tracer of a program with operations without quantisation."""
 
 
 def program(model: str) -> Tracer:
     """Return start, plant and controllers at rest at 0, traced over the actuator's parameters in their order.
 
-    The first argument of each function is the supply; of OUTPUTS the plant has the fin angle alone.
+    The first argument of each function is the supply. The plant returns the fin angle as its only output.
     """
     tracer, actuator = _Program(), get(plain(model))
-    given = {v.name: tracer.parameter(v.name) for v in get(model).parameters}
-    values: dict[str, Value] = {v.name: LEFT_OUT.get(v.name, given[v.name]) for v in actuator.parameters}
+    symbols = {v.name: tracer.parameter(v.name) for v in get(model).parameters}
+    values: dict[str, Value] = {v.name: LEFT_OUT.get(v.name, symbols[v.name]) for v in actuator.parameters}
 
     def at(supply: Value) -> Equations:
         key = actuator.supply.input.key if actuator.supply else None

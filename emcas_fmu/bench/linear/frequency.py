@@ -11,28 +11,30 @@ import numpy as np
 from ..frequency_response import FrequencyResponse, of_ratio
 from .systems import Array, System
 
-LOWEST = 1e-3  # Hz
-_PER_DECADE = 500
-_NARROW = 0.1  # damping ratio below which a resonance or notch has frequencies of its own
-_NEAR = np.concatenate([-np.geomspace(20.0, 0.05, 24), [0.0], np.geomspace(0.05, 20.0, 24)])  # half widths
-_LOCAL = 20  # points, beyond which others change a cubic spline by 0.27^20, 4e-12 of what they differ
-_AT_A_POLE = 1e-6  # distance within which poles are at an end of the frequencies; rounding splits a double one by 1e-8
+LOWEST = 1e-3  # Hz, lower end of a grid
+_PER_DECADE = 500  # frequencies
+_NARROW = 0.1  # damping ratio below which a resonance or notch needs additional frequencies
+# Distances of these frequencies from the resonance or notch, in half widths.
+_NEAR = np.concatenate([-np.geomspace(20.0, 0.05, 24), [0.0], np.geomspace(0.05, 20.0, 24)])
+_LOCAL = 20  # points on each side of a crossing; more change a cubic spline there by 0.27^20 = 4e-12 of their change
+_AT_A_POLE = 1e-6  # largest distance of a pole that counts as an end of the frequencies; rounding moves poles by 1e-8
 
 
 def frequencies(highest: float, lowest: float = LOWEST) -> Array:
-    """Return logarithmic frequencies [Hz], dense enough for margins to 1e-5 by interpolation."""
+    """Return frequencies [Hz] at equal ratios, dense enough for margins to 1e-5 by interpolation."""
     return np.geomspace(lowest, highest, round(np.log10(highest / lowest) * _PER_DECADE))
 
 
 def highest(system: System) -> float:
-    """Return the upper end of a grid [Hz]: just below half the sample rate, or far above continuous poles."""
+    """Return the upper end of a grid [Hz]: just below half the sample rate, or far above the poles in continuous time.
+    """
     if system.dt:
         return 0.499 / float(system.dt)
     return 100.0 * float(np.max(np.abs(system.poles()))) / (2.0 * pi)
 
 
 def evaluate(system: System, frequency: Array) -> Array:
-    """Return the complex response of a system with one input and output at frequencies [Hz]; shape of `frequency`."""
+    """Return the complex response of a system with one input and output, in the shape of `frequency` [Hz]."""
     at = 2j * pi * np.asarray(frequency)
     at = np.exp(at * system.dt) if system.dt else at
     states = np.linalg.solve(at[..., None, None] * np.eye(system.nstates) - system.A, system.B)
@@ -47,7 +49,7 @@ def response(system: System) -> FrequencyResponse:
 
 
 def continuous_poles(system: System) -> Array:
-    """Return the poles of a sampled system as s = ln(z)/T [rad/s], without those at z = 0, which have no image."""
+    """Return the poles of a sampled system as s = ln(z)/T [rad/s], without poles at z = 0, which have no image."""
     return _continuous(system.poles(), system.dt)
 
 
@@ -62,9 +64,8 @@ class Margins:
 
     ``gain`` [1] is the factor by which the loop's gain may grow, at ``phase_crossover`` [Hz]; ``reduction`` [1] is the
     factor to which it may fall (0: any), at ``reduction_crossover`` [Hz]. ``phase`` [rad] is the phase margin, at
-    ``gain_crossover`` [Hz]. ``delay`` [s] is the largest additional delay; another crossover than that of the phase may
-    limit it. ``modulus`` [1] is the smallest distance of the loop to -1. A margin without a limit is inf, its frequency
-    nan.
+    ``gain_crossover`` [Hz]. ``delay`` [s] is the largest additional delay, which another gain crossover may limit.
+    ``modulus`` [1] is the smallest distance of the loop to -1. A margin without a limit is inf, its frequency nan.
     """
 
     gain: float
@@ -92,10 +93,10 @@ class Margins:
         return min(self.up_db, self.down_db)
 
 
-def _resolved(loop: System, grid: Array) -> Array:
-    """Return the frequencies [Hz] with those that lightly damped poles and zeros need, within their ends.
+def _refined(loop: System, grid: Array) -> Array:
+    """Return a grid [Hz] with additional frequencies about lightly damped poles and zeros, within its ends.
 
-    Each gets points up to twenty half widths away, where a loop that differs by 5 % of itself is smooth again.
+    They reach twenty half widths from a pole or zero, where it changes the loop by only 5 %.
     """
     roots = np.concatenate([loop.poles(), loop.zeros()])
     if loop.dt:
@@ -110,11 +111,11 @@ def _resolved(loop: System, grid: Array) -> Array:
 def margins(loop: System, grid: Array | None = None) -> Margins:
     """Return the margins of a loop transfer function L, by its exact frequency response.
 
-    python-control locates the crossovers between the frequencies [Hz] of `grid`, by default a fine one, with splines
-    about them; more are added about narrow resonances and notches. A loop may also cross the negative real axis at its
-    ends: at 0 Hz, and if sampled at half the sample rate.
+    python-control locates the crossovers between the frequencies [Hz] of `grid`, by default a fine grid, with splines.
+    Frequencies are added about narrow resonances and notches. A loop may also be on the negative real axis at the ends
+    of the frequencies: at 0 Hz, and for a sampled loop at half the sample rate.
     """
-    grid = _resolved(loop, frequencies(highest(loop)) if grid is None else grid)
+    grid = _refined(loop, frequencies(highest(loop)) if grid is None else grid)
     response = evaluate(loop, grid)
     near = _near_crossings(response)
     gains, lags, _, at_180, at_one, _ = ct.stability_margins(
@@ -135,16 +136,16 @@ def margins(loop: System, grid: Array | None = None) -> Margins:
 
 
 def _near_crossings(response: Array) -> Array:
-    """Return which values are within `_LOCAL` points of a crossing of the real axis or the unit circle.
+    """Return a mask of the values within `_LOCAL` points of a crossing of the real axis or the unit circle.
 
-    Between them neither sign changes. python-control evaluates its splines point by point, most of the time otherwise.
+    No crossover is elsewhere. The mask saves time: python-control evaluates its splines point by point.
     """
     crossed = np.diff(np.sign(response.imag)).astype(bool) | np.diff(np.sign(np.abs(response) - 1.0)).astype(bool)
     return np.convolve(crossed, np.ones(2 * _LOCAL, int))[_LOCAL - 1:_LOCAL - 1 + len(response)] > 0
 
 
 def _ends(loop: System) -> list[tuple[float, float]]:
-    """Return gain margins [1], with their frequencies [Hz], of a loop whose response is negative at an end."""
+    """Return the gain margins [1] and frequencies [Hz] at those ends of the frequencies where the loop is negative."""
     ends = [(1.0 if loop.dt else 0.0, 0.0), *([(-1.0, 0.5 / float(loop.dt))] if loop.dt else [])]
     poles = loop.poles()
     values = [(complex(loop(at)).real, hertz) for at, hertz in ends if np.all(np.abs(poles - at) > _AT_A_POLE)]

@@ -14,21 +14,21 @@ from .equations import OUTPUTS
 from .systems import Array, System, measured
 from .systems import sampled as sampled_plant
 
-_ITERATIONS = 30
-_REST = 1e-6  # largest rate at rest, as a share of the reference's effect on the states
+_ITERATIONS = 30  # largest number of Newton's iterations
+_REST = 1e-6  # largest rate at rest, as a share of the reference's effect on the rates
 
 
 class UnsmoothError(ArithmeticError):
-    """Equations have no finite value or slope; the message names the first."""
+    """Equations have no finite value or slope; the message names the first such equation."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinearPlant:
     """A plant at rest, linearised there.
 
-    ``states`` are its states at rest, ``reference`` holds it there, ``outputs`` are OUTPUTS. If it does not rest, since
-    no reference holds it there, ``moves`` is the equation that is not satisfied, otherwise empty. ``continuous`` is the
-    linearised plant, ``voltage`` the derivative of the motor voltage with respect to its states.
+    ``states`` are its states at rest, ``reference`` is the reference that holds it, ``outputs`` are OUTPUTS. ``moves``
+    names the equation that is violated most if no reference holds the plant; otherwise it is empty. ``continuous`` is
+    the linearised plant, ``voltage`` the derivative of the motor voltage with respect to the plant's states.
     """
 
     states: Array
@@ -51,8 +51,8 @@ def linear_plant(equations: Linearised, names: tuple[str, ...], sampled: tuple[s
     """Return a plant at rest at a fin angle [rad] under a hinge moment [N.m].
 
     `equations` are those of :class:`.smooth.Traced`, `names` and `sampled` the names of states and sampled states. The
-    iteration begins at the states and the reference `begin`; the sampled states are `held`. Raises UnsmoothError if a
-    value there or a slope is not finite, and ArithmeticError if a later value is not.
+    iteration begins at the states and the reference `begin`; `held` are the values of the sampled states. Raises
+    UnsmoothError if a slope or a value at `begin` is not finite, and ArithmeticError if a later value is not.
     """
     count, states, reference = len(names), np.array(begin[:-1]), begin[-1]
     called = (*(f"d/dt of {name}" for name in names), "the error of fin_angle")
@@ -100,15 +100,15 @@ def linear_plant(equations: Linearised, names: tuple[str, ...], sampled: tuple[s
 
 
 def _not_finite(rows: Array, names: Sequence[str]) -> str:
-    """Return the name of the first row that is not finite; empty if all named ones are."""
+    """Return the name of the first row that is not finite; empty if all named rows are finite."""
     return next((name for name, row in zip(names, rows, strict=False) if not np.isfinite(row).all()), "")
 
 
 def solve(equations: Callable[[Array], tuple[Array, Array]], guess: Array) -> Array:
     """Return the solution of equations by Newton's method, with least squares where they are dependent.
 
-    `equations(guess)` returns their values and Jacobian. An equation that no unknown affects keeps its residual. Raises
-    ArithmeticError if values are not finite.
+    `equations(guess)` returns their values and Jacobian. An equation that no unknown affects keeps its residual.
+    Without convergence, the last iterate is returned. Raises ArithmeticError if values are not finite.
     """
     for _ in range(_ITERATIONS):
         values, slopes = equations(guess)

@@ -1,8 +1,7 @@
 """An actuator's equations without quantisation, as functions with exact Jacobians.
 
-A limit stays a limit: at rest within it, it has the slope of its argument, beyond it none.
-
-They are traced once for all values of the gains: searches and root loci change these a thousand times.
+Limits remain: within a limit the slope is that of the argument, beyond it 0. The equations are traced once for all
+values of the gains, which searches and root loci change a thousand times.
 """
 
 from __future__ import annotations
@@ -24,11 +23,11 @@ _GAIN = "gain"
 
 
 class _Fine(Unquantised, SymbolOps):
-    """Symbols with these operations."""
+    """Symbolic operations without quantisation, with Jacobians."""
 
 
 class _Unlimited(_Fine):
-    """The same without limits, or without those at one value."""
+    """The same operations without limits, or, with `limit`, without limits whose upper value is this number."""
 
     def __init__(self, limit: float | None = None) -> None:
         self._limit = limit
@@ -48,21 +47,21 @@ class Traced:
     """
 
     def __init__(self, actuator: Actuator, fixed: Mapping[str, Any], gains: Sequence[str], fin_angle: float) -> None:
-        opened = ca.SX.sym(_GAIN, len(gains))
-        values = {**fixed, **dict(zip(gains, ca.vertsplit(opened), strict=True))}
-        # The range of commands has no limits, since a fin at its end is at rest like any other.
+        gain_symbols = ca.SX.sym(_GAIN, len(gains))
+        values = {**fixed, **dict(zip(gains, ca.vertsplit(gain_symbols), strict=True))}
+        # Commands are not limited: a fin at the end of its range rests like any other.
         command_ops = _Unlimited(float(values["command.limit"]))
         equations = Equations(actuator, values, actuator.namespace(values), FINE, command_ops, fin_angle)
-        begun = equations.start()
-        self._start = ca.Function("start", [opened], [ca.vertcat(*begun)])
+        initial = equations.start()
+        self._start = ca.Function("start", [gain_symbols], [ca.vertcat(*initial)])
         self.states, self.sampled = tuple(equations.states), tuple(equations.sampled)
         count, sampled = len(self.states), len(self.sampled)
-        arguments = count + 2 + sampled, opened
+        arguments = count + 2 + sampled, gain_symbols
         self.plant = Linearised(equations.plant, *arguments)
         self._unlimited = partial(Linearised, partial(equations.plant, ops=UNLIMITED), *arguments)
-        self.controllers = Linearised(equations.controllers, len(equations.kept) + count + 1, opened)
-        of_plant = ca.SX(ca.vertcat(*begun[:count], *begun[len(begun) - sampled:]))
-        self.plant_varies = self.plant.varies or bool(ca.depends_on(of_plant, opened))
+        self.controllers = Linearised(equations.controllers, len(equations.kept) + count + 1, gain_symbols)
+        of_plant = ca.SX(ca.vertcat(*initial[:count], *initial[len(initial) - sampled:]))
+        self.plant_varies = self.plant.varies or bool(ca.depends_on(of_plant, gain_symbols))
 
     @cached_property
     def unlimited(self) -> Linearised:
@@ -71,14 +70,14 @@ class Traced:
 
     def start(self, gains: Sequence[float]) -> Array:
         """Return the result of :meth:`Equations.start`."""
-        begun: Array = self._start(list(gains)).full().ravel()
-        return begun
+        initial: Array = self._start(list(gains)).full().ravel()
+        return initial
 
 
 def gains_of(actuator: Actuator, values: Mapping[str, Any]) -> dict[str, float]:
-    """Return the controllers' gains, which a host may change during a run, by name, in SI.
+    """Return the controllers' gains by name, in SI: their parameters that a host may change during a run.
 
-    A gain of 0 is left out, together with its part of the equations.
+    A gain of 0 is left out; the terms that it multiplies then disappear from the equations.
     """
     names = [v.name for v in actuator.parameters
              if v.kind == "Real" and v.variability == "tunable" and v.name.startswith("controller.")]
@@ -89,6 +88,6 @@ def gains_of(actuator: Actuator, values: Mapping[str, Any]) -> dict[str, float]:
 def traced(model: str, fixed: tuple[tuple[str, Any], ...], gains: tuple[str, ...], fin_angle: float) -> Traced:
     """Return the traced equations of an actuator with a command of `fin_angle` [rad].
 
-    `gains` are the names of the free parameters, `fixed` pairs of name and value of the others.
+    `gains` are the names of the free parameters, `fixed` the names and values of the others.
     """
     return Traced(get(model), dict(fixed), gains, fin_angle)

@@ -13,16 +13,16 @@ from scipy.linalg import expm, matrix_balance, null_space
 Array = NDArray[Any]
 System = Any
 """A control.StateSpace with named inputs and outputs."""
-# Poles are accurate to 1e-14 per sample; a mode that decays more slowly than this needs 1e10 samples, months.
+# Smallest decay of a mode in a sample. Poles are accurate to 1e-14; a slower mode decays over 1e10 samples, months.
 ROUNDING = 1e-10
-# Smallest singular value, over the norm of the balanced A: 1e-15 of a hidden mode by rounding, 7e-6 of the weakest
-# mode of the shipped actuators.
+# Largest singular value of a hidden mode, over the norm of the balanced A. Rounding gives a hidden mode 1e-15; the
+# weakest other mode of the shipped actuators has 7e-6.
 _HIDDEN = 1e-12
-_FAST = 0.5  # faster modes affect no figure and are hard to distinguish from hidden ones
+_FAST = 0.5  # smallest pole magnitude of a tested mode: faster ones affect no figure and resemble hidden modes
 
 
 def measured(state: str) -> str:
-    """Return the label of a state at the samples; an output may have the name of a state."""
+    """Return the label of a state at the samples, which differs from that of an output with the state's name."""
     return f"x_{state}"
 
 
@@ -36,7 +36,7 @@ def wire(blocks: Sequence[System], links: Sequence[tuple[str, str]], inputs: Seq
          outputs: Sequence[str]) -> System:
     """Return the system from `inputs` to `outputs` of connected blocks, which have the same sample time.
 
-    `links` are pairs of names: an output and the input that it feeds.
+    `links` are pairs of an output and the input that it feeds, by name.
     """
     whole = ct.append(*blocks)
     ins = [label for one in blocks for label in one.input_labels]
@@ -64,7 +64,7 @@ def sampled(plant: System, period: float, whole: int, rest: float) -> System:
     """Return the plant at the sample times, `period` [s] apart, with held inputs.
 
     The first input is delayed by `whole` periods and `rest` [s]. The states are those of the plant, then the delayed
-    values, the newest first.
+    values of this input, from new to old.
     """
     n, ins, late = len(plant.A), plant.ninputs, whole + (rest > 0.0)
     joined = np.block([[plant.A, plant.B], [np.zeros((ins, n + ins))]])
@@ -140,6 +140,6 @@ def shown(system: System) -> tuple[System, Array]:
 
 
 def _even(rows: Array) -> Array:
-    """Return the rows scaled to length 1; rows of zeros stay."""
+    """Return the rows scaled to length 1; rows of zeros are unchanged."""
     lengths: Array = np.linalg.norm(rows, axis=1, keepdims=True)
     return rows / np.maximum(lengths, 1e-300)
