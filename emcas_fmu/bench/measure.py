@@ -42,7 +42,7 @@ BISECTIONS = 6  # which locate a bandwidth within 3 parts in 1000
 LOOP_LOWEST, LOOP_POINTS = 0.05, 200  # lowest frequency [Hz] and number of frequencies, which give margins to 1e-6
 CYCLES, FITTED = 4.0, 0.15  # smallest number of fitted cycles of a sine, and their shortest duration [s]
 TRANSIENT = (2.0, 0.1)  # smallest number of cycles before the fit, and their shortest duration [s]
-USE, REST = 6.0, 4.0  # s of the history of use and of the rest after it, four time constants of the integral
+USE, REST = 7.0, 4.0  # s, duration of the history of use and of the rest after it
 
 
 @dataclass(frozen=True)
