@@ -1,13 +1,15 @@
 """Independent, event-located integrations of whole actuators, and the reference files made with them.
 
-They are there to judge the package's fixed-tick stepping, so they use none of its equations: these are written
-again in fin coordinates, integrated by SciPy with error control, and every change of mode (stick, slip, voltage limit,
-mechanical stop) is located as a root instead of being stepped over.
+They judge the package's fixed-tick stepping, so they use none of its equations. The equations are written again and
+integrated by SciPy with error control. Changes of mode (stick, slip, voltage limit, mechanical stop) are located as
+roots; a fixed tick would step over them.
 
-Integrations: :mod:`.simulate` is the frame, over :mod:`.events` and :mod:`.actuator`, with :mod:`.vehicle`,
-:mod:`.drive` and :mod:`.controllers`; each actuator is a class in a module of its name (:mod:`.plant` is the thesis's,
-with :mod:`.screw`; :mod:`.coil` and :mod:`.piston` are shared). Files: :mod:`.cases` holds the excitations,
-:mod:`.files` and :mod:`.stored` write and read responses, :mod:`.responses` caches them.
+Integrations: :mod:`.simulate` is the entry; it uses :mod:`.events`, :mod:`.actuator`, :mod:`.vehicle`, :mod:`.drive`
+and :mod:`.controllers`. The module of an actuator has its name; that of the thesis is in :mod:`.plant`,
+with :mod:`.screw`. :mod:`.coil` and :mod:`.piston` are shared. :mod:`.linear` is the thesis's linear model.
 
-Sources: Ü. Yerlikaya's thesis (2016), equations 2.1 - 2.47 and section 4.2, cited by number where used.
+Files: :mod:`.cases` contains the excitations, :mod:`.files` and :mod:`.stored` write and read responses,
+:mod:`.responses` caches them.
+
+Sources: Ü. Yerlikaya's thesis (2016), equations 2.1 - 2.47 and section 4.2, cited by number.
 """

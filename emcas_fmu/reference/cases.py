@@ -1,7 +1,7 @@
 """The excitations of the reference responses: steps, a square wave, sweeps, loads, cold and a voltage sag.
 
-Every case starts with 50 ms at rest. Inputs are rows 1 ms apart, each held until the next, and are rounded to the
-digits of a file, so that the simulated input and the stored one are the same numbers.
+Every case starts with 50 ms at rest. Inputs are rows 1 ms apart, each held until the next. They are rounded to the
+digits of a file, so that simulated and stored inputs are equal.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from ..motions import KINDS, LEAD_IN, RATED, STEP
 from .events import Array, Value
 from .vehicle import clip
 
-SIGNIFICANT_DIGITS = 9
+SIGNIFICANT_DIGITS = 9  # of the numbers in a reference file
 T = TypeVar("T")
-EDGE_RATE = 400.0  # deg/s, faster than the fin, so that the edges still saturate the drive
-SUPPLY = 39.0  # V, of the default actuator
-TOLERANCE = math.radians(0.002)  # a hundredth of the accuracy of Table 2: it must show in no figure judged by that
-_SAG = 28.0 / 39.0  # of the supply: below the back-EMF of a fast slew, so that the motor also regenerates
-_SWEEP_TIME = 12.0  # s
+EDGE_RATE = 400.0  # deg/s, slope of a square wave's edges: faster than the fin, so that they saturate the drive
+SUPPLY = 39.0  # V, start value of the default actuator's supply
+TOLERANCE = math.radians(0.002)  # rad, of fin angles: 1/100 of Table 2's accuracy, too small to change its verdict
+_SAG = 28.0 / 39.0  # share of the supply during a sag: below a fast slew's back-EMF, so the motor also regenerates
+_SWEEP_TIME = 12.0  # s, with the lead-in
 
-# A quantised encoder and exact stiction together amplify any difference, even of rounding: two converged integrations
-# of the same case differ by up to 0.004 deg (see docs/model/numerics.md), which is an error of neither. Trajectories
-# are therefore compared with true angle and speed fed back.
+# A quantised encoder with exact stiction amplifies any difference, even from rounding: two converged integrations of
+# one case differ by up to 0.004 deg (docs/model/numerics.md), although both are correct. Trajectories are therefore
+# compared with feedback of the true angle and speed.
 EXACT: Mapping[str, Value] = {"encoder.enabled": False}
 
 Columns = dict[str, Array]
@@ -47,15 +47,15 @@ class Case:
 
     name: str
     title: str
-    kind: str  # of the command's motions: one of motions.KINDS, square, or embedded
+    kind: str  # of excitation: one of motions.KINDS, square, or embedded
     stop_time: float  # s
-    amplitude: float  # rad, of the largest command
-    build: Callable[[Array], Columns]  # input columns at the row times [s]
-    overrides: Mapping[str, Value] = field(default_factory=lambda: EXACT)  # parameters that differ, SI
-    step: float = STEP  # s, distance of the rows
+    amplitude: float  # rad, largest magnitude of the command
+    build: Callable[[Array], Columns]  # function of the row times [s] that returns the input columns
+    overrides: Mapping[str, Value] = field(default_factory=lambda: EXACT)  # parameters that the case changes, SI
+    step: float = STEP  # s, time between rows
 
     def inputs(self) -> Columns:
-        """Return `time` and the input columns of the case; the columns cannot be written to."""
+        """Return `time` [s] and the input columns of the case; the arrays are read-only."""
         return dict(self._inputs)
 
     @cached_property
@@ -63,16 +63,17 @@ class Case:
         time = stored(np.arange(round(self.stop_time / self.step) + 1) * self.step)
         columns = {"time": time} | {name: stored(column) for name, column in self.build(time).items()}
         for column in columns.values():
-            column.flags.writeable = False  # it is shared by all callers
+            column.flags.writeable = False  # all callers share it
         return columns
 
 
 def _levels(*points: tuple[float, float]) -> Callable[[Array], Columns]:
-    """Return a command [deg] that jumps to each level at its time [s], 0 before the first."""
-    return lambda time: {"fin_command": _held(time, 0.0, *((at, math.radians(deg)) for at, deg in points))}
+    """Return the builder of a command that jumps at each time [s] to a level [deg] and is 0 before the first."""
+    return lambda time: {"fin_command": _staircase(time, 0.0, *((at, math.radians(deg)) for at, deg in points))}
 
 
-def _held(time: Array, value: float, *points: tuple[float, float]) -> Array:
+def _staircase(time: Array, value: float, *points: tuple[float, float]) -> Array:
+    """Return a column that is `value`, then from each point's time [s] on its level."""
     column = np.full_like(time, value)
     for at, level in points:
         column[time > at - STEP / 2] = level
@@ -80,9 +81,9 @@ def _held(time: Array, value: float, *points: tuple[float, float]) -> Array:
 
 
 def _square(time: Array) -> Columns:
-    """Return levels 0, +A, 0, -A of growing amplitude, 150 ms each, joined by rate-limited edges (5.4.1.2)."""
+    """Return a command of levels +A, 0, -A, 0 with growing A, 150 ms each, joined by rate-limited edges (5.4.1.2)."""
     levels = [sign * amplitude for amplitude in (5.0, 10.0, 15.0, 20.0) for sign in (1.0, 0.0, -1.0, 0.0)]
-    target = _held(time, 0.0, *((LEAD_IN + 0.15 * k, level) for k, level in enumerate(levels)))
+    target = _staircase(time, 0.0, *((LEAD_IN + 0.15 * k, level) for k, level in enumerate(levels)))
     command, change = np.zeros_like(time), EDGE_RATE * STEP
     for k in range(1, len(time)):
         command[k] = command[k - 1] + clip(target[k] - command[k - 1], change)
@@ -90,13 +91,13 @@ def _square(time: Array) -> Columns:
 
 
 def _swept(amplitude: float) -> Callable[[Array], Columns]:
-    """Return a sweep of `amplitude` [deg] over the time after the lead-in."""
+    """Return the builder of a sweep of `amplitude` [deg] over the time after the lead-in."""
     return lambda time: {"fin_command": KINDS["sweep"].command(
         time - LEAD_IN, math.radians(amplitude), duration=_SWEEP_TIME - LEAD_IN)}
 
 
 def _loaded(torque: float) -> Callable[[Array], Columns]:
-    """Return a command that settles at -20 deg unloaded and slews to +20 deg while a torque [N.m] rises."""
+    """Return the builder of a slew from -20 deg, settled without load, to +20 deg while a torque [N.m] rises."""
     slew = 0.35
     return lambda time: {**_levels((LEAD_IN, -20.0), (slew, 20.0))(time),
                          "aero_torque": KINDS["slew"].torque(time - slew, torque)}
@@ -106,24 +107,24 @@ _LARGE = math.radians(20.0)
 
 
 def sag(supply: float) -> Case:
-    """Return the case in which a supply [V] sags."""
+    """Return the case in which a supply that starts at `supply` [V] sags."""
     def build(time: Array) -> Columns:
         command = _levels((LEAD_IN, 20.0), (0.35, -20.0), (0.7, 0.0))(time)
-        return command | {"supply_voltage": _held(time, supply, (0.4, _SAG * supply), (0.47, supply))}
+        return command | {"supply_voltage": _staircase(time, supply, (0.4, _SAG * supply), (0.47, supply))}
 
     title = f"Supply sags from {supply:.3g} to {_SAG * supply:.3g} V during a 40 deg slew and recovers"
     return Case("sag", title, "step", 1.0, _LARGE, build)
 
 
 def with_supply(case: Case, supply: float) -> Case:
-    """Return a case for an actuator whose supply starts at `supply` [V]: a sag is a share of it."""
+    """Return the case for an actuator whose supply starts at `supply` [V]; only a sag depends on it."""
     return sag(supply) if case.name == "sag" else case
 
 
 def select(names: Collection[str] | None, known: Mapping[str, T], folder: Path | None = None) -> dict[str, T]:
-    """Return the known cases with these names, in their order; without names all of them.
+    """Return the cases with these names, in the order of `known`; without names, all of them.
 
-    Raises EmcasError for a name that no case has; its message begins with the `folder` of the cases.
+    Raises EmcasError for an unknown name; its message begins with the `folder` of the cases.
     """
     for name in names or ():
         if name not in known:
@@ -149,8 +150,8 @@ CASES = [
     sag(SUPPLY),
 ]
 
-# The reference embedded in an FMU of an actuator without stored responses: short, since it is integrated when the FMU
-# is built, and it shows the signs of command and hinge moment.
+# The reference embedded in FMUs of actuators without stored responses. It is short, since it is integrated during the
+# build, and it shows the signs of command and hinge torque.
 STEP_AND_LOAD = Case("step_and_load", "Step to +10 deg, and 50 N.m against it from 0.2 s on", "embedded", 0.35,
                      math.radians(10.0),
                      lambda time: {**_levels((LEAD_IN, 10.0))(time),

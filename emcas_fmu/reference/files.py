@@ -36,34 +36,34 @@ from .plant import Plant
 PROVENANCE = "provenance.toml"
 
 Simulate = Callable[[Mapping[str, Value], Mapping[str, Array]], Mapping[str, Array]]
-"""From parameters and input columns, ``time`` among them, to output columns at the same times; SI."""
+"""Function of parameters and input columns, including ``time``, that returns output columns at the same times; SI."""
 
-# In a case without encoder other sensors measure true values, too; an actuator that has to be homed would follow no
-# command before.
+# Overrides added to a case without encoder: the other sensors also measure true values, and the actuator is homed at
+# the start, since it follows no command before.
 _TRUE_ANGLE: Mapping[str, Value] = {"transducer.resolution": 0.0, "homing.required": False}
-# Tolerance of an output without an entry below, over its nominal value: room for an integrator of that accuracy.
+# Tolerance of an output without an entry below, relative to its nominal value: enough for a less accurate integrator.
 _RELATIVE = 1e-6
-# Largest number in a column: no value of an actuator comes near it, and sums of its squares are still finite.
+# Largest magnitude in a column: far above the values of actuators, but sums of squares are still finite.
 _LARGEST = 1e100
 # Largest difference of a recomputed response from the stored one. Both have the integration error: tightening rtol
-# tenfold moves no case by more than 1e-10 of a variable's range. Nine stored digits add half a unit in the ninth, at
-# most 5e-9 of the range. The rest is room for another libm, yet a hundred times less than the effect of one encoder
-# count that falls the other way (1e-6 rad, 0.3 A), so that such a count is seen.
+# tenfold moves no case by more than 1e-10 of a variable's range. Rounding to nine digits adds at most 5e-9 of the
+# range. The rest allows for another libm. One encoder count that differs (1e-6 rad, 0.3 A) still exceeds the
+# tolerances at least a hundredfold.
 TOLERANCES = {
-    "fin_angle": 1e-8,  # rad, of 0.4
-    "fin_rate": 1e-6,  # rad/s, of 5
-    "motor_current": 1e-5,  # A, of 60
-    "motor_voltage": 1e-5,  # V, of 39
-    "drive_reference": 1e-6,  # V, of 10
+    "fin_angle": 1e-8,  # rad, range 0.4
+    "fin_rate": 1e-6,  # rad/s, range 5
+    "motor_current": 1e-5,  # A, range 60
+    "motor_voltage": 1e-5,  # V, range 39
+    "drive_reference": 1e-6,  # V, range 10
 }
 
 
 def simulator(model: str) -> Simulate:
-    """Return the independent integration of an actuator. Raises EmcasError without one."""
+    """Return the independent integration of an actuator. Raises EmcasError if there is none, or it cannot be loaded."""
     actuator = get(model)
     if actuator.reference is None:
-        raise EmcasError(f"model {model}: the {actuator.name} actuator has no independent reference; nonlinear has "
-                         "one, and a file of yours that names one as `reference`")
+        raise EmcasError(f"model {model}: the {actuator.name} actuator has no independent reference; choose a model "
+                         "that has one, such as nonlinear, or name one as `reference` in your actuator's file")
     if isinstance(actuator.reference, str):
         module: Any = import_module(actuator.reference)
     elif not actuator.reference.is_file():
@@ -77,15 +77,15 @@ def simulator(model: str) -> Simulate:
 
 
 def supply_start(model: str, values: Mapping[str, Value]) -> float:
-    """Return the start value of supply_voltage [V] of an actuator; the default actuator's if it has no such input."""
+    """Return the start value of supply_voltage [V] of an actuator; the default actuator's without such an input."""
     return next((float(v.initial(values)) for v in get(model).inputs if v.name == "supply_voltage"), SUPPLY)
 
 
 def cases(model: str, values: Mapping[str, Value]) -> tuple[Case, ...]:
     """Return the cases that an actuator can run with these values of its parameters, adapted to it.
 
-    A case that changes a parameter or drives an input which the actuator does not have is left out, unless that
-    parameter is one of an encoder.
+    A case is left out if it drives an input or changes a parameter that the actuator does not have; parameters of an
+    encoder are ignored.
     """
     names = {"time", *values, *(v.name for v in get(model).inputs)}
     return tuple(
@@ -94,7 +94,7 @@ def cases(model: str, values: Mapping[str, Value]) -> tuple[Case, ...]:
 
 
 def suited(case: Case, model: str, values: Mapping[str, Value]) -> Case:
-    """Return a case with a sag of the actuator's supply, and with the overrides of parameters that the actuator has."""
+    """Return a case adapted to an actuator: with its supply in a sag, and overrides of parameters that it has."""
     exact = case.overrides.get("encoder.enabled") is False
     overrides = {**case.overrides, **(_TRUE_ANGLE if exact else {})}
     return replace(with_supply(case, supply_start(model, values)),
@@ -102,7 +102,7 @@ def suited(case: Case, model: str, values: Mapping[str, Value]) -> Case:
 
 
 class Difference(NamedTuple):
-    """Largest difference of a recomputed column from the stored one."""
+    """Largest difference of a recomputed column from the stored one, and its tolerance, in the variable's SI unit."""
 
     case: str
     variable: str
@@ -111,24 +111,24 @@ class Difference(NamedTuple):
 
 
 def file_of(case: str, suffix: str) -> str:
-    """Return the name of one file of the triple; `suffix` is `in.csv`, `ref.csv` or `ref.opt`."""
+    """Return the name of one of a case's three files; `suffix` is `in.csv`, `ref.csv` or `ref.opt`."""
     return f"EMCAS_{case}_{suffix}"
 
 
 def path_of(directory: Path, case: str, suffix: str) -> Path:
-    """Return the path of one file of the triple."""
+    """Return the path of one of a case's three files."""
     return directory / file_of(case, suffix)
 
 
 def read_table(directory: Path, case: str, suffix: str, sha256: object = None) -> dict[str, Array]:
     """Return the columns [rows], in SI, of one of the two tables of a case.
 
-    Raises EmcasError, naming file and column, also if the file does not have the `sha256` of its provenance.
+    Raises EmcasError, with the file, if it is missing, damaged or unreadable, or its SHA-256 is not `sha256`.
     """
     path = path_of(directory, case, suffix)
     try:
         if sha256 is not None and sha256 != hashlib.sha256(path.read_bytes()).hexdigest():
-            raise EmcasError(f"{path}: is not the file {PROVENANCE} was written for (its SHA-256 differs); restore it, "
+            raise EmcasError(f"{path}: is not the file that {PROVENANCE} describes (its SHA-256 differs); restore it, "
                              f"or {remedy(directory)}")
         return read_csv(path)
     except FileNotFoundError as error:
@@ -142,7 +142,7 @@ def read_table(directory: Path, case: str, suffix: str, sha256: object = None) -
 def csv_text(columns: Mapping[str, Array], digits: int = SIGNIFICANT_DIGITS) -> str:
     """Return CSV text: a header of names and one row per time, with significant `digits` and LF line ends.
 
-    The elements of an array in a column share one cell, separated by spaces.
+    A column [rows, elements] has its elements in one cell, separated by spaces.
     """
     cells = [" ".join([f"%.{digits}g"] * (column.shape[1] if column.ndim > 1 else 1)) for column in columns.values()]
     text = StringIO()
@@ -155,7 +155,8 @@ def csv_text(columns: Mapping[str, Array], digits: int = SIGNIFICANT_DIGITS) -> 
 def read_csv(path: Path) -> dict[str, Array]:
     """Return the columns [rows], in SI, of a file written by `csv_text`; a column of arrays is [rows, elements].
 
-    Raises ValueError, with the name of a wrong column.
+    Raises ValueError for a table without rows, for cells that are missing or not numbers, and for a column with too
+    large numbers.
     """
     header, *rows = path.read_text("utf-8").splitlines() or [""]
     names = header.split(",")
@@ -164,17 +165,17 @@ def read_csv(path: Path) -> dict[str, Array]:
     table = np.loadtxt((row.replace(" ", ",") for row in rows), delimiter=",", ndmin=2).T
     ends = np.cumsum([len(cell.split()) for cell in rows[0].split(",")])
     if len(ends) != len(names) or ends[-1] != len(table):
-        raise ValueError(f"its rows have not as many numbers as its header has names, {len(names)}")
+        raise ValueError(f"its rows must have {len(names)} numbers, one for each name in its header")
     columns = {name: part[0] if len(part) == 1 else part.T
                for name, part in zip(names, np.split(table, ends[:-1]), strict=True)}
     for name, column in columns.items():
         if len(odd := column[~(np.abs(column) <= _LARGEST)]):
-            raise ValueError(f"column {name} has {odd[0]:g}; expected numbers of at most {_LARGEST:g}")
+            raise ValueError(f"column {name} has {odd[0]:g}; expected numbers from {-_LARGEST:g} to {_LARGEST:g}")
     return columns
 
 
 def read_provenance(directory: Path) -> dict[str, Any]:
-    """Return the parsed `provenance.toml`, empty without one. Raises EmcasError where it cannot be read."""
+    """Return the parsed `provenance.toml`, empty without one. Raises EmcasError if it cannot be read."""
     path = directory / PROVENANCE
     try:
         return schema.document(path, EmcasError)[1] if path.exists() else {}
@@ -192,66 +193,70 @@ def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Pr
     """Compute the named cases (default all) and write their files and the provenance into `directory`.
 
     Nothing is written before all are computed. `parameters` defaults to the shipped set. Raises EmcasError for an
-    actuator without an independent reference.
+    unknown case and for an actuator without an independent reference.
     """
-    chosen = parameters or load_parameters()
-    simulate = simulator(chosen.model)
+    used = parameters or load_parameters()
+    simulate = simulator(used.model)
     provenance = read_provenance(directory) if names else {}
     contents: dict[str, str | bytes] = {}
-    for case in _chosen(names, chosen, progress):
-        values = {**chosen.values, **case.overrides}
+    for case in _cases(names, used, progress):
+        values = {**used.values, **case.overrides}
         inputs = case.inputs()
         tables = {"in": csv_text(inputs), "ref": csv_text(simulate(values, inputs))}
         options = {"StartTime": 0.0, "StopTime": case.stop_time, "StepSize": case.step, "RelTol": Plant.accuracy.rtol}
         contents |= {file_of(case.name, f"{kind}.csv"): text for kind, text in tables.items()}
         contents[file_of(case.name, "ref.opt")] = "".join(f"{name}, {value:g}\n" for name, value in options.items())
-        provenance[case.name] = _provenance(case, tables, values, chosen.model)
-    contents[PROVENANCE] = "\n".join(_table(one.name, provenance[one.name]) for one in CASES if one.name in provenance)
+        provenance[case.name] = _provenance(case, tables, values, used.model)
+    contents[PROVENANCE] = "\n".join(_table(name, provenance[name]) for name in (case.name for case in CASES)
+                                     if name in provenance)
     write_folder(directory, contents)
 
 
 def outputs(directory: Path, names: Sequence[str] | None, parameters: ParameterSet) -> Iterator[Path]:
-    """Yield the files that `regenerate` writes. Raises EmcasError for an unknown case."""
-    for case in _chosen(names, parameters, silent):
+    """Yield the paths of the files that `regenerate` writes. Raises EmcasError for an unknown case."""
+    for case in _cases(names, parameters, silent):
         yield from (path_of(directory, case.name, suffix) for suffix in ("in.csv", "ref.csv", "ref.opt"))
     yield directory / PROVENANCE
 
 
 def compare(directory: Path, names: Sequence[str] | None = None, progress: Progress = silent,
             parameters: ParameterSet | None = None) -> list[Difference]:
-    """Recompute the named cases (default all) and compare them with the files in `directory`.
+    """Recompute the named cases (default all) and return their differences from the files in `directory`.
 
-    A column that is missing, or has another number of rows, counts as infinitely far.
+    The difference is infinite if a column is missing or has another number of rows. Raises EmcasError as `regenerate`
+    does, and for a missing or damaged file.
     """
     differences = []
-    chosen = parameters or load_parameters()
-    simulate = simulator(chosen.model)
-    nominal = {v.name: v.nominal or 1.0 for v in chosen.actuator.outputs}
-    for case in _chosen(names, chosen, progress):
+    used = parameters or load_parameters()
+    simulate = simulator(used.model)
+    nominal = {v.name: v.nominal or 1.0 for v in used.actuator.outputs}
+    for case in _cases(names, used, progress):
         inputs = case.inputs()
-        result = simulate({**chosen.values, **case.overrides}, inputs)
+        result = simulate({**used.values, **case.overrides}, inputs)
         allowed = {name: TOLERANCES.get(name, _RELATIVE * nominal.get(name, 0.0)) for name in result}
         for columns, suffix, tolerances in ((inputs, "in.csv", {}), (result, "ref.csv", allowed)):
             stored = read_table(directory, case.name, suffix)
-            # Inputs are rounded before they are used and have to be the same numbers.
+            # Inputs are rounded before they are used, so they must be equal.
             for name, column in columns.items():
-                there = stored.get(name, np.zeros(0))
-                maximum = float(np.max(np.abs(column - there))) if there.shape == column.shape else float("inf")
+                stored_column = stored.get(name, np.zeros(0))
+                same = stored_column.shape == column.shape
+                maximum = float(np.max(np.abs(column - stored_column))) if same else float("inf")
                 differences.append(Difference(case.name, name, maximum, tolerances.get(name, 0.0)))
     return differences
 
 
-def _chosen(names: Sequence[str] | None, parameters: ParameterSet, progress: Progress) -> Iterator[Case]:
-    chosen = select(names, {case.name: case for case in cases(parameters.model, parameters.values)})
-    for done, case in enumerate(chosen.values()):
-        progress(case.name, done, len(chosen))
+def _cases(names: Sequence[str] | None, parameters: ParameterSet, progress: Progress) -> Iterator[Case]:
+    """Yield the named cases (default all), and report the progress."""
+    selected = select(names, {case.name: case for case in cases(parameters.model, parameters.values)})
+    for done, case in enumerate(selected.values()):
+        progress(case.name, done, len(selected))
         yield case
-        progress(case.name, done + 1, len(chosen))
+        progress(case.name, done + 1, len(selected))
 
 
 def parameters_hash(values: Mapping[str, Value]) -> str:
     """Return the hash that identifies the parameters of a run in its provenance."""
-    # The reference does not depend on settings of the package's stepping.
+    # References do not depend on the settings of the package's stepping.
     used = {name: float(value) for name, value in values.items() if not name.startswith("solver.")}
     return _sha256(json.dumps(used, sort_keys=True).encode())
 
@@ -259,7 +264,7 @@ def parameters_hash(values: Mapping[str, Value]) -> str:
 def response_hash(values: Mapping[str, Value]) -> str:
     """Return the hash of the parameters that determine the response to a case.
 
-    No case moves the vehicle: without gravity the fin's position on the body has no effect.
+    No case moves the vehicle, so without gravity `mounting.azimuth` has no effect.
     """
     return parameters_hash(values if values.get("loads.gravity") else {**values, "mounting.azimuth": 0.0})
 
@@ -293,6 +298,6 @@ def _provenance(case: Case, tables: Mapping[str, str], values: Mapping[str, Valu
 
 
 def _table(name: str, entry: Mapping[str, Any]) -> str:
-    """Return the TOML of one response: its table, and that of its start values."""
+    """Return the TOML of one response: its table and the table of its start values."""
     plain = {key: value for key, value in entry.items() if key != "start_values"}
     return f"{toml.table(name, plain)}\n\n{toml.table(f'{name}.start_values', entry['start_values'])}\n"

@@ -1,4 +1,4 @@
-"""The integration of any actuator, by default the thesis's."""
+"""Integration of any actuator class, by default the thesis's."""
 
 from __future__ import annotations
 
@@ -11,5 +11,5 @@ from .plant import Plant
 
 def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array], kind: type[Actuator] = Plant
              ) -> dict[str, Array]:
-    """Return `time` and the outputs of a `kind` of actuator, see :meth:`.Actuator.simulate`."""
+    """Return `time` [s] and the outputs [SI] of the actuator class `kind`; see :meth:`.Actuator.simulate`."""
     return kind.simulate(parameters, inputs)

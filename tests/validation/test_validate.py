@@ -257,7 +257,7 @@ TABLE, ENTRY = "EMCAS_step_plus1_ref.csv", r"(\[step_plus1\]\n.*?"
     (changed(TABLE, r"\n0.05,0,", "\n0.05,nan,"), f"{TABLE}: column fin_angle has nan"),
     (changed(TABLE, r"\n0.05,0,", "\n0.05,x,"), f"{TABLE}: could not convert string 'x'"),
     (changed(TABLE, r"\n0.05,0,", "\n0.05,"), f"{TABLE}: "),
-    (changed(TABLE, r",fin_angle", ""), f"{TABLE}: its rows have not as many numbers as its header has names"),
+    (changed(TABLE, r",fin_angle", ""), f"{TABLE}: its rows must have 5 numbers, one for each"),
     (changed(TABLE, r",fin_angle", ",fin_angel"), "step_plus1: there is no column fin_angle"),
     (changed(TABLE, r"\n0.05,.*", "\n"), "step_plus1: the column time does not go from 0 to 0.5 s in steps of 0.001 s"),
     (changed(TABLE, r"\n.*", ""), f"{TABLE}: it has no rows"),
