@@ -1,10 +1,10 @@
-"""Integration of equations with events by SciPy, from event to event.
+"""Integration by SciPy of equations with events, from event to event.
 
-An actuator has smooth equations in each of its modes: which bodies slide or stick, which limits hold. A mode is a named
+An actuator has smooth equations in each of its modes: which bodies slide or stick, which limits act. A mode is a named
 tuple of directions and switches. It ends where one of its event margins, functions of the state [SI] that are above 0
 while it lasts, falls through 0; the first such event changes states and fields of the mode, one after the other.
 
-`Event` is a margin with its changes. The others return the events of one field of the mode:
+`Event` is a margin with its changes. The following return the events of one field of the mode:
 
 - `switch`: the field is whether a value is above 0.
 - `band`: the field is 0 while a value is within a band, 1 above it, -1 below it.
@@ -30,14 +30,14 @@ Value = float | int | bool
 State = list[float]
 Margin = Callable[[State], float]
 Changes = Mapping[int | str, Value | Callable[[State, Any], Value]]
-"""New values of states, by index, and of the mode's fields, by name; a function computes one from the state, after the
-changes before it, and the surroundings."""
+"""New values of states, by index, and of the mode's fields, by name. A function computes a value from the state, with
+the preceding changes made, and the surroundings."""
 
-_MOST_STALLS = 20  # events at one instant, one after the other
+_MOST_STALLS = 20  # events without progress in time, at most
 
 
 class Event:
-    """A SciPy event: a margin, and the changes that it makes."""
+    """A SciPy event: a margin, and the changes when it falls through 0."""
 
     terminal = True
     direction = -1.0
@@ -46,8 +46,8 @@ class Event:
         self.margin, self.changes = margin, changes
 
     def __call__(self, _time: float, state: State) -> float:
-        # SciPy counts a value that stays exactly zero as crossing. Here a zero is not yet crossed, so that a
-        # frictionless fin can rest without load.
+        # SciPy takes a margin that stays exactly 0 for a crossing. Here 0 counts as positive, so that a frictionless
+        # fin can rest without load.
         return self.margin(state) or sys.float_info.min
 
     def changed(self, state: State, mode: Any, around: Any) -> Any:
@@ -64,24 +64,24 @@ class Event:
 class Body(NamedTuple):
     """A body under dry friction.
 
-    `speed` is its speed against what rubs on it, `rest` the changes, but for `field`, where it comes to rest.
-    `excess` returns the force or torque on it at rest towards a side beyond what friction holds, from state, mode and
-    surroundings. At a `stop`, where its angle is so large on either side, it rests.
+    `field` names its direction in the mode. `speed` is the sliding speed, `rest` the other changes when it comes to rest.
+    `excess` returns the force or torque towards a side beyond stiction at rest, from state, mode, surroundings and side.
+    The body comes to rest where the magnitude of its angle reaches `stop`.
     """
 
     field: str
     speed: Margin
     excess: Callable[[State, Any, Any, int], float]
     rest: Changes
-    angle: int = 0  # its index in the state
+    angle: int = 0  # index of its angle in the state
     stop: float = math.inf  # rad
 
     def held(self, state: State, mode: Any, around: Any, side: int) -> float:
-        """Return a margin that is above 0 while a body at rest does not start towards a side."""
+        """Return a margin that is above 0 while the resting body does not start towards a side."""
         return 1.0 if side * state[self.angle] >= self.stop else -self.excess(state, mode, around, side)
 
     def starts(self, state: State, mode: Any, around: Any) -> int:
-        """Return the direction in which a body at rest starts, or 0."""
+        """Return the direction in which the resting body starts, or 0."""
         return next((side for side in (1, -1) if self.held(state, mode, around, side) < 0.0), 0)
 
     def events(self, mode: Any, around: Any) -> list[Event]:
@@ -98,7 +98,7 @@ class Body(NamedTuple):
 
 
 def band(mode: Any, field: str, value: Margin, low: float, high: float) -> list[Event]:
-    """Return the events of a value at the ends of a band, from `low` to `high` in its unit."""
+    """Return the events at which a value leaves or enters a band from `low` to `high`, in the value's unit."""
     side = getattr(mode, field)
     if side:
         return [Event(lambda y: value(y) - high if side > 0 else low - value(y), {field: 0})]
@@ -112,10 +112,10 @@ def switch(mode: Any, field: str, value: Margin) -> Event:
 
 
 class Accuracy(NamedTuple):
-    """Tolerances and largest step [s] of an integration: the absolute tolerances are `rtol` times `scales`, in the
-    units of the states.
+    """Tolerances and largest step [s] of an integration.
 
-    Events are looked for at the ends of a step: of two zeros of a margin within one step neither is seen.
+    The absolute tolerances are `rtol` times `scales`, in the units of the states. SciPy compares margins at the ends
+    of a step, so it misses two zeros of a margin within one step.
     """
 
     rtol: float
@@ -124,11 +124,11 @@ class Accuracy(NamedTuple):
 
 
 def advance(actuator: Actuator, state: State, mode: Any, around: Any, start: float, end: float) -> tuple[State, Any]:
-    """Integrate from `start` to `end` [s] through every event; return the state and the mode at `end`.
+    """Integrate from `start` to `end` [s] through every event and return the state and the mode at `end`.
 
-    Raises ArithmeticError where the integration fails, or where modes follow each other without progress in time.
+    Raises ArithmeticError if the integration fails, or if modes alternate without progress in time.
     """
-    from scipy.integrate import solve_ivp  # would be a third of the start of every command
+    from scipy.integrate import solve_ivp  # slow: a third of every command's start if imported above
 
     rtol, scales, max_step = actuator.accuracy
     time, stalls = start, 0
@@ -144,6 +144,7 @@ def advance(actuator: Actuator, state: State, mode: Any, around: Any, start: flo
             mode = actuator.settled(state, fired.changed(state, mode, around), around)
         stalls = 0 if reached > time else stalls + 1
         if stalls > _MOST_STALLS:
-            raise ArithmeticError(f"modes chatter at {time} s in {mode}")
+            raise ArithmeticError(f"modes alternate at {time} s without progress, the last is {mode}; a mode must not "
+                                  "end where it begins")
         time = reached
     return state, mode

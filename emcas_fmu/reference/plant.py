@@ -1,7 +1,7 @@
 """The thesis's actuator between two discrete instants: equations of motion, smooth in each mode.
 
 The state is (fin angle [rad], fin rate [rad/s], motor current [A], drive integral xi [V]). Dry friction, the voltage
-limit and the mechanical stops make the right-hand side discontinuous; a `Mode` names the smooth equations in force.
+limit and the mechanical stops make the right-hand side discontinuous; a `Mode` selects the smooth equations.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .vehicle import Surroundings
 class Mode(NamedTuple):
     """`motion` is the direction of sliding, or 0 while friction or a stop holds the fin; `drive` is the drive's mode.
 
-    Where the fin turns by itself, `fin` is its direction. `flank` is the side on which a gear presses on it.
+    With an elastic gear `fin` is the direction of the fin. `flank` is the side on which the teeth of a gear press.
     """
 
     motion: int = 0
@@ -34,14 +34,14 @@ class Mode(NamedTuple):
 class Plant(Screw, Driven):
     """Mechanics, motor and current-mode drive of one actuator."""
 
-    # The step stays below the time constant of the current loop, L/(R + Kp) = 0.11 ms, the shortest there is.
+    # The step stays below the time constant of the current loop, L/(R + Kp) = 0.11 ms, the model's shortest.
     accuracy = Accuracy(1e-11, (1e-2, 1.0, 1.0, 1.0), 1e-4)
     names = ("fin_angle", "fin_rate", "motor_current", "motor_voltage", "drive_reference")
     current = 2
 
     def __init__(self, parameters: Mapping[str, Value]):
         super().__init__(parameters)
-        # The inductive voltage goes with the speed, all at once.
+        # At rest the inductive voltage n w L i vanishes at once, so the voltage limit jumps.
         rest: Changes = {1: 0.0, "drive": lambda y, around: self.drive_mode(self.motor(y, Mode(), around), around)}
         self.bodies = Body("motion", itemgetter(1), self.excess, rest, 0, self.stop),
 
@@ -50,7 +50,7 @@ class Plant(Screw, Driven):
         return [self.p["fin.start_angle"], 0.0, 0.0, 0.0], Mode()
 
     def controller(self, nominal: Screw) -> Sample:
-        """Return position and velocity loop with the encoder."""
+        """Return position and velocity loop with the encoder, behind a trajectory generator if there is one."""
         loops = (Following if nominal.p.get("trajectory.natural_frequency") else Controllers)(self, nominal)
         return lambda y, command, enable: loops.sample(y[0], y[1], command, enable, y[2])
 
@@ -95,25 +95,25 @@ class Plant(Screw, Driven):
 
 
 class Geared(Plant):
-    """Motor, drive and fin of the thesis's actuator, a gear of constant ratio between them."""
+    """Motor, drive and fin of the thesis's actuator, connected by a gear of constant ratio."""
 
     def __init__(self, parameters: Mapping[str, Value], turns: float, inertia: Value):
-        self.turns = turns  # of the motor in one of the fin
+        self.turns = turns  # motor turns per fin turn
         super().__init__({**parameters, "kinematics.moment_arm": turns, "kinematics.initial_angle": 0.0,
                           "screw.lead": 1.0, "mass.nut": 0.0, "inertia.screw": inertia})
 
     def motor_angle(self, delta: float) -> float:
-        """Return motor angle [rad] at fin angle `delta` [rad]."""
+        """Return the motor angle [rad] at fin angle `delta` [rad]."""
         return self.turns * delta
 
     def fin_angle(self, theta: float) -> float:
-        """Return fin angle [rad] at motor angle `theta` [rad]."""
+        """Return the fin angle [rad] at motor angle `theta` [rad]."""
         return theta / self.turns
 
     def ratio(self, delta: float) -> float:
-        """Return turns of the motor in one of the fin [-]."""
+        """Return the gear ratio, motor turns per fin turn [-]."""
         return self.turns
 
     def bend(self, delta: float) -> float:
-        """Return R'/R [-], of a constant ratio 0."""
+        """Return R'/R [-], 0 for a constant ratio."""
         return 0.0

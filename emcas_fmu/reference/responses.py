@@ -1,4 +1,4 @@
-"""The independent response to a case: stored, cached since it was integrated, or integrated now."""
+"""Independent response of an actuator to a case: stored, cached or integrated."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from . import files, stored
 from .cases import Case
 from .events import Array, Value
 
-_KEPT = 256  # responses of some 35 kB
-_EXACT = 17  # digits that keep every float: with fewer, values would lie on edges of the archive's rounding
+_KEPT = 256  # cached responses, about 35 kB each
+_EXACT = 17  # significant digits that preserve every float; fewer would put values on edges of an FMU's rounding
 
 
 def shipped(parameters: ParameterSet, case: Case) -> dict[str, Array] | None:
-    """Return the stored response in SI, up to the end of the case; None if there is none."""
+    """Return the shipped response [SI] to a case, up to its end; None if there is none for these parameters."""
     if parameters.model != NONLINEAR:
         return None
     known = _stored(models_directory() / "reference", case.name)
@@ -39,15 +39,15 @@ def shipped(parameters: ParameterSet, case: Case) -> dict[str, Array] | None:
 
 @cache
 def _stored(folder: Path, name: str) -> stored.Stored | None:
-    """Return a stored case, which every build of an FMU needs several times; None if there is none of this name."""
+    """Return a stored case, None if its name is unknown; cached, since a build of an FMU needs it several times."""
     return stored.load(folder, [name])[0] if name in files.read_provenance(folder) else None
 
 
 def response(parameters: ParameterSet, case: Case) -> dict[str, Array]:
-    """Return `time` and the outputs of the independent integration of an actuator.
+    """Return `time` [s] and the outputs [SI] of the independent integration of an actuator.
 
-    Integrating needs a second or two, unless the response is stored or in the user's cache. An actuator of the user is
-    integrated each time, since a change of its file would not be noticed.
+    The response is stored, in the user's cache, or integrated in a second or two. A user's own actuator is integrated
+    at each call, since the cache would not notice a change of its file. Raises EmcasError without an integration.
     """
     if (known := shipped(parameters, case)) is not None:
         return known
@@ -63,7 +63,7 @@ def response(parameters: ParameterSet, case: Case) -> dict[str, Array]:
 
 
 def _cache_path(model: str, values: Mapping[str, Value], inputs: Mapping[str, Array]) -> Path | None:
-    """Return the path of a cached response, named by the hash of all that determines it; None if it is not cached."""
+    """Return the path of a cached response, named by a hash of everything that determines it; None without a cache."""
     reference = get(model).reference
     if not isinstance(reference, str) or not reference.startswith(__package__):
         return None
@@ -78,7 +78,7 @@ def _cache_path(model: str, values: Mapping[str, Value], inputs: Mapping[str, Ar
 
 
 def _write_cached(path: Path, columns: Mapping[str, Array]) -> None:
-    """Write a response and delete the oldest ones; a cache that cannot be written is ignored."""
+    """Write a response to the cache and delete the oldest ones; ignore a cache that cannot be written."""
     try:
         path.parent.mkdir(exist_ok=True)
         write(path, files.csv_text(columns, _EXACT))

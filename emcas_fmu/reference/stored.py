@@ -1,4 +1,4 @@
-"""The stored reference cases, checked against the hashes of their provenance."""
+"""Stored reference cases, checked against the hashes of their provenance."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from . import files
 from .cases import SIGNIFICANT_DIGITS, sag, select
 
 Columns = Mapping[str, Array]
-_NEAR = 1e-3  # of a step, the largest error of a time of nine digits
+_NEAR = 1e-3  # steps, tolerance of row times: far above the rounding to nine digits
 
 
 @dataclass(frozen=True)
 class Stored:
-    """A reference case from a folder or an FMU; `model` is its actuator.
+    """A reference case from a folder or an FMU, with `step` and `stop_time` [s]; `model` is its actuator.
 
-    A case that is not `independent` is a record of the package's stepping.
+    If not `independent`, its response was computed by the package's stepping. Columns and start values are in SI.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Stored:
     independent: bool = True
 
     def __post_init__(self) -> None:
-        """Raise ValueError for impossible times and values."""
+        """Raise ValueError for impossible times, missing columns and start values that are not finite."""
         for what, value in (("step", self.step), ("stop time", self.stop_time)):
             if not (isinstance(value, (int, float)) and 0.0 < value < inf):
                 raise ValueError(f"{self.name}: its {what} is {value!r}; expected seconds above 0")
@@ -53,7 +53,8 @@ class Stored:
                 raise ValueError(f"{self.name}: the column time does not go from 0 to {self.stop_time:g} s in steps of "
                                  f"{self.step:g} s")
         if odd := [name for name, value in self.start_values.items() if not isfinite(value)]:
-            raise ValueError(f"{self.name}: the start value of {odd[0]} is {self.start_values[odd[0]]}")
+            raise ValueError(f"{self.name}: the start value of {odd[0]} is {self.start_values[odd[0]]}; "
+                             "expected a finite number")
 
     @property
     def supply(self) -> float | None:
@@ -62,7 +63,7 @@ class Stored:
         return None if column is None else float(column[0])
 
     def with_supply(self, supply: float) -> Stored:
-        """Return the case for an actuator whose supply starts at `supply` [V]; without a reference if that differs."""
+        """Return the case for a supply that starts at `supply` [V]: a sag from another voltage has no reference."""
         if self.name != "sag" or self.supply is None or isclose(self.supply, supply, rel_tol=10.0**-SIGNIFICANT_DIGITS):
             return self
         case = sag(supply)
@@ -70,9 +71,10 @@ class Stored:
 
 
 def load(folder: Path, names: Sequence[str] | None, needed: Iterable[str] = ()) -> list[Stored]:
-    """Return the named cases of a folder, by default all, which then have to include the `needed` ones.
+    """Return the named cases of a folder; without names all of them, which must include the `needed` ones.
 
-    Raises EmcasError where the folder does not agree with its provenance, or the provenance is incomplete.
+    Raises EmcasError for an unknown or missing case, for a missing folder, for files that differ from the provenance,
+    and for an incomplete provenance.
     """
     remedy = files.remedy(folder)
     if not folder.is_dir():

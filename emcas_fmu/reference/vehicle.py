@@ -1,4 +1,4 @@
-"""What acts on an actuator between two discrete instants: its inputs, and the motion of the vehicle (2.27 - 2.45)."""
+"""Surroundings of an actuator between two discrete instants: its inputs and the vehicle's motion (2.27 - 2.45)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _AXES = "xyz"
 MOTION = tuple(f"{kind}.{axis}" for kind in ("acceleration", "angular_rate", "angular_acceleration") for axis in _AXES)
 INPUTS_AT_REST = dict.fromkeys(
     ("fin_command", "aero_torque", *MOTION, "attitude.roll", "attitude.pitch", "attitude.yaw"), 0.0)
-# Of the fin about its hinge [N.m] and [N.m.s/rad].
+# Parameters of friction about the hinge [N.m] and [N.m.s/rad], and of friction in cylinder and pump.
 _HINGE_FRICTION = {"coulomb": ("friction.fin_coulomb",), "viscous": ("friction.fin_viscous",)}
 _FLUID_FRICTION = {
     "coulomb": ("cylinder.coulomb_friction", "pump.coulomb_friction", "pump.pressure_friction"),
@@ -21,14 +21,14 @@ _FLUID_FRICTION = {
 
 
 class Surroundings(NamedTuple):
-    """What is constant between two discrete instants."""
+    """Quantities that are constant between two discrete instants."""
 
-    reference: float  # current reference [A] or valve command [1], within its limits
+    reference: float  # current reference [A], valve command [1] or duty cycle [1], limited
     supply: float  # V or Pa
     aero_torque: float  # N.m, positive along +delta
     force: Triple  # m/s2, specific force g_b - a_b at the hinge in the fin's axes
     turning: Triple  # rad/s, the vehicle's rate in the fin's axes
-    faster: Triple  # rad/s2, its angular acceleration there
+    faster: Triple  # rad/s2, the vehicle's angular acceleration in the fin's axes
     enable: bool
 
 
@@ -48,12 +48,12 @@ def cross(a: Triple, b: Triple) -> Triple:
 
 
 def surroundings(p: Mapping[str, float], row: Mapping[str, float], reference: float, supply: str) -> Surroundings:
-    """Return the surroundings for a `row` of inputs in SI by name, and a reference [V].
+    """Return the surroundings for a `row` of inputs, SI by name, and a `reference` as in `Surroundings`.
 
-    `supply` is the name of the supply's input.
+    `supply` is the name of the supply's input, `p` are the parameters.
     """
     gravity = STANDARD_GRAVITY if p["loads.gravity"] else 0.0
-    roll, pitch = row["attitude.roll"], row["attitude.pitch"]  # a yaw turns about g itself
+    roll, pitch = row["attitude.roll"], row["attitude.pitch"]  # yaw turns about g, without effect
     acceleration, rate, faster = ((row[f"{kind}.x"], row[f"{kind}.y"], row[f"{kind}.z"])
                                   for kind in ("acceleration", "angular_rate", "angular_acceleration"))
     hinge = (p["mounting.station"], 0.0, 0.0)
@@ -64,17 +64,17 @@ def surroundings(p: Mapping[str, float], row: Mapping[str, float], reference: fl
     z = gravity * math.cos(roll) * math.cos(pitch) - at_hinge[2]
     c, s = math.cos(p["mounting.azimuth"]), math.sin(p["mounting.azimuth"])
 
-    def turned(v: Triple) -> Triple:
+    def in_fin_axes(v: Triple) -> Triple:
         return v[0], c * v[1] + s * v[2], -s * v[1] + c * v[2]
 
-    return Surroundings(reference, row[supply], row["aero_torque"], turned((x, y, z)), turned(rate), turned(faster),
-                        bool(row["enable"]))
+    return Surroundings(reference, row[supply], row["aero_torque"], in_fin_axes((x, y, z)), in_fin_axes(rate),
+                        in_fin_axes(faster), bool(row["enable"]))
 
 
 def hinge_moment(masses: Iterable[Triple], inertia: float, delta: float, around: Surroundings) -> float:
     """Return the external moment T_f [N.m] about the hinge at a fin angle [rad], positive along +delta.
 
-    `masses` are mass [kg], x and z [m] of each part's centre of mass, `inertia` [kg.m2] is that about the hinge.
+    `masses` are mass [kg], x and z [m] of each part's centre of mass. `inertia` [kg.m2] is about the hinge.
     """
     fx, _, fz = around.force
     c, s = math.cos(delta), math.sin(delta)
@@ -83,11 +83,11 @@ def hinge_moment(masses: Iterable[Triple], inertia: float, delta: float, around:
         moment += mass * ((-x * s + z * c) * fx - (x * c + z * s) * fz)
 
     def angular_momentum(w: Triple) -> Triple:
-        # Of a plate with its masses along (c, 0, -s): the products of inertia with y are left out.
+        # A plate with its masses along (c, 0, -s); products of inertia with y are neglected.
         x, z = s * s * w[0] + s * c * w[2], c * c * w[2] + s * c * w[0]
         return inertia * x, inertia * w[1], inertia * z
 
-    # Euler's equation about the hinge: the moment that turns the plate with the vehicle does not turn it on the hinge.
+    # Euler's equation about the hinge: subtract the moment that turns the plate with the vehicle.
     return moment - (angular_momentum(around.faster)[1] + cross(around.turning, angular_momentum(around.turning))[1])
 
 
@@ -104,17 +104,18 @@ def hinge_friction(p: Mapping[str, float]) -> tuple[float, float]:
 
 
 def as_built(p: Mapping[str, float]) -> dict[str, float]:
-    """Return the parameters of the plant: the nominal ones, which the controllers know, off by ``deviation.*``.
+    """Return the plant's parameters: the nominal ones, which the controllers know, changed by ``deviation.*``.
 
-    A deviation is a share of its parameter, that of the assembly angle an angle [rad].
+    A deviation is relative to its parameter; that of the assembly angle is a difference [rad].
     """
-    off = {name.removeprefix("deviation."): value for name, value in p.items() if name.startswith("deviation.")}
-    shares = {name: name for name in off if name in p}
-    shares |= {"inertia.fin": "mass.fin", "motor.back_emf_constant": "motor.torque_constant"}  # one flux makes both
+    deviations = {name.removeprefix("deviation."): value for name, value in p.items() if name.startswith("deviation.")}
+    deviation_of = {name: name for name in deviations if name in p}
+    deviation_of |= {"inertia.fin": "mass.fin", "motor.back_emf_constant": "motor.torque_constant"}  # one flux
     for kind in ("coulomb", "viscous"):
         for name in p:
             if name.startswith(f"friction.{kind}.") or name in (*_HINGE_FRICTION[kind], *_FLUID_FRICTION[kind]):
-                shares[name] = f"friction.{kind}"
-    angle = shares.pop("kinematics.initial_angle", "")
-    built = {name: p[name] * (1.0 + off[share]) for name, share in shares.items() if name in p and share in off}
-    return {**p, **built, **({angle: p[angle] + off[angle]} if angle else {})}
+                deviation_of[name] = f"friction.{kind}"
+    angle = deviation_of.pop("kinematics.initial_angle", "")
+    built = {name: p[name] * (1.0 + deviations[other]) for name, other in deviation_of.items()
+             if name in p and other in deviations}
+    return {**p, **built, **({angle: p[angle] + deviations[angle]} if angle else {})}
