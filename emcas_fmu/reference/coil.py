@@ -7,14 +7,14 @@ from typing import Any
 
 from .events import Event, State, band
 
-EDGE = 1e-9  # V, within which of a limit the amplifier is free
+EDGE = 1e-9  # V, by which a demand may exceed a limit while the amplifier is free
 
 
 class Coil:
-    """One clutch and its coil: `gain` and `share` are its parameters of the amplifier and of the torque.
+    """One clutch and its coil: `gain` and `share` name the parameters of amplifier and torque.
 
-    `field` is that of the mode: whether the voltage is on the supply (1), on the suppressor (-1) or free (0). `current`
-    and `flux` [A] are the indices of the coil's states, `temperature` [degC] is that of the clutch's.
+    `field` is the mode's field for the voltage: at the supply (1), at the suppressor (-1) or free (0). `current`,
+    `flux` and `temperature` are the indices of coil current [A], flux [A] and clutch temperature [degC] in the state.
     """
 
     def __init__(self, p: Mapping[str, float], gain: str, share: str, field: str, current: int, flux: int,
@@ -36,14 +36,14 @@ class Coil:
         return self.resistance * reference + self.gain * (reference - y[self.current])
 
     def admit(self, y: State, mode: Any, reference: float, supply: float) -> Any:
-        """Return the mode after reference [A] or supply [V] have jumped."""
+        """Return the mode after a jump of the reference [A] or the supply [V]."""
         demand = self.demand(y, reference)
         return mode._replace(**{self.field: (demand > supply + EDGE) - (demand < -self.clamp - EDGE)})
 
     def slopes(self, y: State, mode: Any, reference: float, supply: float) -> tuple[float, float]:
         """Return d/dt of current and flux [A/s]."""
-        on = getattr(mode, self.field)
-        voltage = supply if on > 0 else -self.clamp if on < 0 else self.demand(y, reference)
+        side = getattr(mode, self.field)
+        voltage = supply if side > 0 else -self.clamp if side < 0 else self.demand(y, reference)
         return ((voltage - self.resistance * y[self.current]) / self.p["coil.inductance"],
                 (y[self.current] - y[self.flux]) / self.p["clutch.eddy_time"])
 
@@ -52,6 +52,6 @@ class Coil:
         return band(mode, self.field, lambda y: self.demand(y, reference), -self.clamp, supply)
 
     def warming(self, y: State, heat: float) -> float:
-        """Return the rise [K/s] of the clutch's temperature under a power of slip [W]."""
+        """Return the rise [K/s] of the clutch's temperature at a slip power `heat` [W]."""
         lost = (y[self.temperature] - self.p["friction.temperature"]) / self.p["clutch.thermal_resistance"]
         return (heat - lost) / self.p["clutch.heat_capacity"]

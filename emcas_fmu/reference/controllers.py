@@ -1,4 +1,4 @@
-"""The sampled part: bus, encoder, position and velocity loop of the thesis's actuator (section 4.2)."""
+"""Sampled bus, encoder, position loop and velocity loop of the thesis's actuator (section 4.2)."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from .vehicle import clip
 
 
 def whole_samples(p: Mapping[str, Value], name: str) -> int:
-    """Return a time of the bus in whole sample times; half of one counts as one."""
+    """Return the parameter `name`, a time [s], in whole sample times; a half is rounded up."""
     return math.floor(p[name] / p["controller.sample_time"] + 0.5)
 
 
 class Bus:
-    """Commands from the host to the controllers: read every so many samples, rounded, and late."""
+    """Command bus from the host to the controllers, with update time, resolution and latency."""
 
     def __init__(self, p: Mapping[str, float]):
         self.latency, self.every = (whole_samples(p, f"command.{name}") for name in ("latency", "update_time"))
         self.resolution = p["command.resolution"]
-        self.sent = [p["fin.start_angle"]] * self.latency  # rad, the last one at the present sample
+        self.sent = [p["fin.start_angle"]] * self.latency  # rad, the newest last
         self.count = 0
 
     def arrived(self, command: float) -> float:
-        """Return the command [rad] that the controllers have at the next sample, as the host sends `command` [rad]."""
+        """Return the command [rad] that the controllers read at this sample, while the host sends `command` [rad]."""
         if self.count % max(self.every, 1) == 0:
             if self.resolution:
                 command = self.resolution * math.floor(command / self.resolution + 0.5)
@@ -55,9 +55,9 @@ class Controllers:
         self._reset(*self._measure(delta, 0.0), delta)
 
     def _reset(self, fin: float, motor: float, speed: float, command: float) -> None:
-        """Put the loops at rest at measured angles [rad] of fin and motor, at a motor speed [rad/s] without load.
+        """Reset the loops to rest at measured angles [rad] of fin and motor.
 
-        The lagged target is that of the `command` [rad].
+        The load observer begins at a motor `speed` [rad/s] without load, the lagged target at the `command` [rad].
         """
         weight = self.p["controller.position.setpoint_weight"]
         self.integral = self.p["controller.position.kp"] * motor * (1.0 - weight)  # rad/s
@@ -93,16 +93,16 @@ class Controllers:
         return self.nominal.fin_angle(angle), angle, speed
 
     def fed_forward(self, feedback: float, reference: float) -> tuple[float, float]:
-        """Return the speed [rad/s] that friction is compensated for, and a reference [V] that is fed forward.
+        """Return the speed [rad/s] for the friction compensation, and a reference [V] that is fed forward.
 
-        `feedback` [rad/s] and `reference` [rad/s] are speed references, the latter with the command's rate and limited.
+        `feedback` and `reference` [rad/s] are speed references; the latter includes the command's rate and is limited.
         """
         return reference, 0.0
 
     def sample(self, delta: float, omega: float, command: float, enable: bool, current: float = 0.0) -> float:
         """Return the DAC value u_k [V] of one sample.
 
-        `delta` [rad], `omega` [rad/s] and motor current [A] are the true ones, `command` [rad] is the bus's.
+        `delta` [rad], `omega` [rad/s] and motor `current` [A] are true values; `command` [rad] comes from the bus.
         """
         p = self.p
         fin, motor, speed = self._measure(delta, omega)
@@ -115,37 +115,37 @@ class Controllers:
         target = self._target(command)
         weighted = p["controller.position.setpoint_weight"] * target - motor
         feedback = p["controller.position.kp"] * weighted + self.integral
-        # The command's rate, behind a lag of the time between its updates.
+        # The command's rate, lagged by the time between its updates.
         ahead = target - self.target
-        moving = p["controller.position.velocity_feedforward"] * ahead / (self.update_samples * self.period)
+        command_rate = p["controller.position.velocity_feedforward"] * ahead / (self.update_samples * self.period)
         self.target += ahead / self.update_samples
-        reference = clip(feedback + moving, p["controller.speed_limit"])
-        moved, motion = self.fed_forward(feedback, reference)
-        friction = self.nominal.motor_coulomb(fin, 1 if moved > 0.0 else -1)
-        compensation = p["compensation.gain"] * friction * clip(moved / p["compensation.speed_band"], 1.0)
+        reference = clip(feedback + command_rate, p["controller.speed_limit"])
+        friction_speed, feedforward = self.fed_forward(feedback, reference)
+        friction = self.nominal.motor_coulomb(fin, 1 if friction_speed > 0.0 else -1)
+        compensation = p["compensation.gain"] * friction * clip(friction_speed / p["compensation.speed_band"], 1.0)
         compensation /= p["motor.torque_constant"] * p["drive.current_gain"]
         gain = p["controller.velocity.kp"]
-        u = gain * (reference - speed) + self.velocity_integral + compensation + motion
+        u = gain * (reference - speed) + self.velocity_integral + compensation + feedforward
         torque_constant, bandwidth = p["motor.torque_constant"], p["controller.load_observer"]
         if bandwidth:
             load = bandwidth * (self._inertia(fin) * speed - self.momentum)
             u -= load / (torque_constant * p["drive.current_gain"])
-            fed_forward = compensation * torque_constant * p["drive.current_gain"]
-            self.momentum += self.period * (torque_constant * current + load - fed_forward)
-        # The reference that the drive can follow: DAC and current have limits.
+            compensation_torque = compensation * torque_constant * p["drive.current_gain"]
+            self.momentum += self.period * (torque_constant * current + load - compensation_torque)
+        # The drive can follow `possible`, the reference within the limits of DAC and current.
         limited = clip(u, p["drive.reference_limit"])
         offset, slope = p["drive.current_offset"], p["drive.current_gain"]
         possible = (clip(slope * limited + offset, p["drive.current_limit"]) - offset) / slope
         excess = possible - u  # V
         tracking = p["controller.drive_antiwindup"]  # 1/s
         integral_gain, velocity_integral_gain = p["controller.position.ki"], p["controller.velocity.ki"]
-        if integral_gain:  # without integral action there is nothing to unwind
+        if integral_gain:  # without integral action the integral stays constant
             self.integral += self.period * (
                 integral_gain * (target - motor)
                 + p["controller.antiwindup"] * (clip(feedback, p["controller.speed_limit"]) - feedback)
                 + tracking * (excess / gain if gain else excess))
         if velocity_integral_gain:
-            # Its tracking time is not below its integral time.
+            # The tracking time is at least the integral time.
             integral_time = (gain or 1.0) / velocity_integral_gain  # s
             tracking = 1.0 / max(1.0 / tracking, integral_time) if tracking else 0.0
             self.velocity_integral += self.period * (velocity_integral_gain * (reference - speed) + tracking * excess)

@@ -2,8 +2,9 @@
 
     L di/dt = v - R i - K_e w        v = clip(K_p (i_ref - i) + xi, +-limit)        dxi/dt = K_i (i_ref - i), free only
 
-A drive is FREE, clipped on a side (1 or -1), gliding along the limit on a side (2 or -2), or OPEN (bridge disabled);
-DIODES of an open bridge conduct a current of a side (8 or -8). An inverter's dead time takes a part of v along i.
+A drive is FREE, clipped at the limit of a sign (1 or -1), sliding along that limit (2 or -2), or OPEN (bridge
+disabled, no current). DIODES of a disabled bridge conduct a current of a sign (8 or -8). An inverter's dead time
+reduces v along i.
 """
 
 from __future__ import annotations
@@ -19,13 +20,14 @@ from .vehicle import Surroundings, clip
 
 FREE, ON_LIMIT, DIODES, OPEN = 0, 2, 8, 9
 # V. A demand this close to the voltage limit is on it: far above the rounding of a 39 V signal (1e-14), and a voltage
-# wrong by this much for a millisecond moves the current by less than 2e-9 A.
+# wrong by this much for a millisecond moves the current by less than 2e-9 A. In A, a diode's current ends this far
+# below 0.
 EDGE = 1e-9
 
 
 class Motor(NamedTuple):
-    """Motor speed [rad/s], motor current [A], drive integral xi [V], and the motor's acceleration [rad/s2], which
-    matters with pole pairs only."""
+    """Motor speed [rad/s], motor current [A], drive integral xi [V] and motor acceleration [rad/s2]; the acceleration
+    is used with pole pairs only."""
 
     speed: float
     current: float
@@ -34,10 +36,10 @@ class Motor(NamedTuple):
 
 
 class Driven(Actuator):
-    """An actuator whose motor has a drive: its mode has the field `drive`, its state current [A] and integral [V]."""
+    """An actuator whose motor has a drive: its mode has a field `drive`; its state has current [A] and integral [V]."""
 
     current: int
-    """Index of the motor's current; that of the drive's integral is the next."""
+    """Index of the motor's current in the state; the drive's integral follows it."""
 
     @abstractmethod
     def speed(self, y: State) -> float:
@@ -53,7 +55,7 @@ class Driven(Actuator):
         return Motor(self.speed(y), y[self.current], y[self.current + 1], faster)
 
     def flux(self, current: float) -> float:
-        """Return the magnets' flux at a current [A] over that without: the iron saturates, but for 2/3 of it."""
+        """Return the ratio of the flux at a current [A] to that at 0 A: saturation lowers it, at most to 2/3."""
         lost = self.p.get("saturation.share", 0.0)
         return max(1.0 - lost * (current / self.p["saturation.current"]) ** 2, 2.0 / 3.0) if lost else 1.0
 
@@ -68,11 +70,11 @@ class Driven(Actuator):
         return self.p["drive.kp"] * (around.reference - m.current) + m.integral
 
     def _across(self) -> float:
-        """Return the voltage across the inductance, n w L i, over speed and current [V.s/(rad.A)]."""
+        """Return the inductive voltage n w L i per speed and current, n L [V.s/(rad.A)]."""
         return self.p["motor.pole_pairs"] * self.p["motor.inductance"]
 
     def limit(self, m: Motor, around: Surroundings) -> float:
-        """Return the largest voltage along the back-EMF [V]: the supply's, less n w L i across it as phasors add."""
+        """Return the largest voltage [V] along the back-EMF: sqrt(supply^2 - (n w L i)^2)."""
         across = self._across() * m.speed * m.current
         return math.sqrt(max(around.supply**2 - across**2, 0.0))
 
@@ -87,20 +89,20 @@ class Driven(Actuator):
         return clip(self.demand(m, around), self.limit(m, around)) - self._dead(m, around)
 
     def _dead(self, m: Motor, around: Surroundings) -> float:
-        """Return the voltage along the current that the dead time takes [V]: the fundamental of +-V t_d f a phase."""
-        lost = self.p.get("inverter.dead_time", 0.0)
-        if not lost:
+        """Return the voltage [V] that dead time takes along the current: the fundamental of +-V t_d f in each phase."""
+        dead_time = self.p.get("inverter.dead_time", 0.0)
+        if not dead_time:
             return 0.0
-        often = self.p["inverter.switching_frequency"]
-        ripple = around.supply / (16.0 * self.p["motor.inductance"] * often)
-        return math.sqrt(3.0) * 4.0 / math.pi * around.supply * lost * often * clip(m.current / ripple, 1.0)
+        frequency = self.p["inverter.switching_frequency"]
+        ripple = around.supply / (16.0 * self.p["motor.inductance"] * frequency)
+        return math.sqrt(3.0) * 4.0 / math.pi * around.supply * dead_time * frequency * clip(m.current / ripple, 1.0)
 
     def _conduction(self, around: Surroundings) -> float:
-        """Return the back-EMF [V] beyond which the diodes of an open bridge conduct: its mean there is the supply."""
+        """Return the back-EMF [V] whose rectified mean is the supply; above it the diodes of an open bridge conduct."""
         return around.supply * math.pi / 3.0 if self.p.get("inverter.pole_pairs") else math.inf
 
     def _begin(self, around: Surroundings) -> list[Event]:
-        """Return the events at which diodes of an open bridge begin to conduct."""
+        """Return the events at which the diodes of an open bridge begin to conduct."""
         onset = self._conduction(around)
 
         def below(way: int) -> Margin:
@@ -109,9 +111,10 @@ class Driven(Actuator):
         return [] if math.isinf(onset) else [Event(below(way), {"drive": -way * DIODES}) for way in (1, -1)]
 
     def _rectified(self, m: Motor, mode: int, around: Surroundings) -> tuple[float, float]:
-        """Return the voltages [V] of conducting diodes whose power the supply takes, and that drives the current.
+        """Return two voltages [V] of conducting diodes: one gives the power into the supply, one drives the current.
 
-        Of the fit to three phases up to 1.4 times the supply, of phasors from twice on, in proportion between.
+        Up to a back-EMF of 1.4 times the supply they follow a fit to three phases, from twice the supply phasors, and
+        between these a linear mixture.
         """
         p, resistance = self.p, self.p["motor.resistance"]
         emf = abs(p["motor.back_emf_constant"] * self.flux(m.current) * m.speed)
@@ -139,7 +142,7 @@ class Driven(Actuator):
         rise = self._rise(m, math.copysign(self.limit(m, around), mode) - dead)
         if abs(mode) != ON_LIMIT:
             return rise, 0.0
-        side = 1 if mode > 0 else -1  # xi keeps the demand exactly on the limit
+        side = 1 if mode > 0 else -1  # xi keeps the demand on the limit
         return rise, self.p["drive.kp"] * rise + side * self._limit_slope(m, rise, around)
 
     def _rise(self, m: Motor, voltage: float) -> float:
@@ -149,7 +152,7 @@ class Driven(Actuator):
         return (voltage - p["motor.resistance"] * m.current - induced) / p["motor.inductance"]
 
     def _limit_slope(self, m: Motor, rise: float, around: Surroundings) -> float:
-        """Return the limit's time derivative [V/s] while the current rises [A/s]."""
+        """Return the limit's time derivative [V/s] at a current that rises by `rise` [A/s]."""
         limit, across = self.limit(m, around), self._across()
         if limit == 0.0 or across == 0.0:
             return 0.0
@@ -158,26 +161,26 @@ class Driven(Actuator):
     # Modes ------------------------------------------------------------------------------------------------
 
     def _held_slope(self, m: Motor, around: Surroundings, side: int) -> float:
-        """Return how fast [V/s] the demand leaves the limit on `side` while the voltage is clipped and xi is held."""
+        """Return the rate [V/s] at which the demand leaves the limit on `side` outwards, clipped and at constant xi."""
         rise, _ = self.electrical(m, side, around)
         return -side * self.p["drive.kp"] * rise - self._limit_slope(m, rise, around)
 
     def _free_slope(self, m: Motor, around: Surroundings, side: int) -> float:
-        """Return the same while xi moves."""
+        """Return the rate of `_held_slope` [V/s] if xi changes."""
         return self._held_slope(m, around, side) + side * self.p["drive.ki"] * (around.reference - m.current)
 
     def _mode_on_limit(self, m: Motor, around: Surroundings, side: int) -> int:
-        """Return the mode that follows where the demand has reached the limit on `side`.
+        """Return the next mode of a drive whose demand has reached the limit on `side`.
 
-        Clipped, xi is held and the demand moves with the current alone; free, xi moves too. If the first moves the
-        demand back inside and the second moves it outside, neither can last: the drive slides along the limit.
+        In a clipped drive xi is constant and only the current moves the demand; in a free one xi moves it, too. If the
+        demand would return inside when clipped but leave when free, the drive slides along the limit.
         """
         if self._held_slope(m, around, side) >= 0.0:
             return side
         return FREE if self._free_slope(m, around, side) <= 0.0 else side * ON_LIMIT
 
     def drive_mode(self, m: Motor, around: Surroundings) -> int:
-        """Return the mode of the drive after motor or surroundings have jumped."""
+        """Return the mode of the drive after a jump of motor or surroundings."""
         if not around.enable:
             if math.isinf(self._conduction(around)):
                 return OPEN
@@ -194,14 +197,14 @@ class Driven(Actuator):
         return side if abs(demand) > limit else FREE
 
     def surroundings(self, row: Mapping[str, float], reference: float) -> Surroundings:
-        """Return loads and current reference. Raises ValueError for a supply voltage that is not above 0."""
+        """Return loads and current reference. Raises ValueError unless the supply voltage is above 0."""
         if row["supply_voltage"] <= 0.0:
-            raise ValueError("supply_voltage must be above 0: the modes of the drive are distinguished by its limits")
+            raise ValueError(f"supply_voltage is {row['supply_voltage']:g} V; this reference needs a value above 0")
         return super().surroundings(row, reference)
 
     def admit(self, y: State, mode: Any, around: Surroundings) -> Any:
-        """Return the mode after the surroundings have jumped; clears the integral of an opened bridge in place, and its
-        current without diodes."""
+        """Return the mode after a jump of the surroundings; sets a disabled bridge's integral to 0 in place, and without
+        diodes its current."""
         if not around.enable:
             y[self.current + 1] = 0.0
             if math.isinf(self._conduction(around)):
@@ -210,7 +213,7 @@ class Driven(Actuator):
         return mode._replace(drive=self.drive_mode(self.motor(y, mode, around), around))
 
     def events(self, mode: Any, around: Surroundings) -> list[Event]:
-        """Return the events of bodies and drive."""
+        """Return the events of bodies and drive that end a mode."""
         def motor(y: State) -> Motor:
             return self.motor(y, mode, around)
 

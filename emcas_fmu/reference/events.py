@@ -64,8 +64,8 @@ class Event:
 class Body(NamedTuple):
     """A body under dry friction.
 
-    `field` names its direction in the mode. `speed` is the sliding speed, `rest` the other changes when it comes to rest.
-    `excess` returns the force or torque towards a side beyond stiction at rest, from state, mode, surroundings and side.
+    `field` names its direction in the mode. `speed` is its sliding speed, `rest` the other changes when it stops.
+    `excess` returns the force or torque on the resting body beyond stiction, from state, mode, surroundings and side.
     The body comes to rest where the magnitude of its angle reaches `stop`.
     """
 

@@ -1,7 +1,7 @@
-"""Filters of the sampled part: an observer of the motor's speed, and a notch, from their poles and zeros.
+"""Filters of the controllers, computed from their poles and zeros: an observer of the motor's speed, and a notch.
 
-The observer is a Luenberger observer of speed w and load T_d, whose gain follows from Ackermann's formula; it compares
-the mean of two speeds with the encoder's difference. The notch is a ratio of polynomials in z.
+The Luenberger observer estimates speed and load torque; its gain follows from Ackermann's formula. It compares the mean
+of two successive speeds with the encoder's difference. The notch is a ratio of polynomials in z.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from .vehicle import clip
 
 
 class SpeedObserver:
-    """Speed and load of a motor from the encoder's difference and the torque of the current."""
+    """Observer of a motor's speed and load torque from the encoder's difference and the current's torque."""
 
     def __init__(self, bandwidth: float, period: float):
         self.pole, self.period = math.exp(-bandwidth * period), period
         self.state = np.zeros(2)  # rad/s, N.m
 
     def speed(self, difference: float, torque: float, inertia: float) -> float:
-        """Return the speed [rad/s] for a `difference` of counts [rad/s], torque [N.m] and inertia [kg.m2]."""
+        """Return the speed [rad/s] for an encoder `difference` [rad/s], torque [N.m] and inertia [kg.m2]."""
         gain = self.period / inertia
         a, output = np.array([[1.0, gain], [0.0, 1.0]]), np.array([1.0, 0.5 * gain])
         shifted = a - self.pole * np.eye(2)
@@ -33,7 +33,7 @@ class SpeedObserver:
 
 
 class Notch:
-    """A notch of frequency [rad/s] and dampings of zeros and poles, exact at that frequency."""
+    """A notch with a frequency [rad/s], where it is exact, and the dampings of its zeros and poles."""
 
     def __init__(self, frequency: float, dampings: tuple[float, float], period: float):
         scale = frequency / math.tan(frequency * period / 2.0)
@@ -45,18 +45,18 @@ class Notch:
         self.reset()
 
     def reset(self) -> None:
-        """Put the notch at rest at 0."""
-        self.before, self.after = np.zeros(2), np.zeros(2)  # of the last two samples, the newest first
+        """Reset the notch to rest at 0 V."""
+        self.inputs, self.outputs = np.zeros(2), np.zeros(2)  # V, the newest first
 
     def filtered(self, value: float, limit: float) -> float:
-        """Return a reference [V] behind the notch, at most `limit` [V]."""
-        out = (self.zeros @ [value, *self.before] - self.poles[1:] @ self.after) / self.poles[0]
-        self.before, self.after = np.array([value, self.before[0]]), np.array([out, self.after[0]])
+        """Return the reference [V] after the notch, within +-`limit` [V]."""
+        out = (self.zeros @ [value, *self.inputs] - self.poles[1:] @ self.outputs) / self.poles[0]
+        self.inputs, self.outputs = np.array([value, self.inputs[0]]), np.array([out, self.outputs[0]])
         return clip(float(out), limit)
 
 
 def of(p: Mapping[str, float]) -> tuple[SpeedObserver | None, Notch | None]:
-    """Return the filters of an actuator with parameters by name, None for those that it does not have."""
+    """Return observer and notch for the parameters `p`, None for a filter that is absent."""
     period, bandwidth = p["controller.sample_time"], p.get("filters.speed_bandwidth", 0.0)
     frequency = p.get("filters.notch_frequency", 0.0)
     return (SpeedObserver(bandwidth, period) if bandwidth and p["encoder.enabled"] else None,

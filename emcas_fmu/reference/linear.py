@@ -8,11 +8,11 @@ The assembly angle is zero and the fin angle small, so that the reduction ratio 
     I_k+1 = I_k + T_s K_i,pos (r - theta)        V_k+1 = V_k + T_s K_i,vel e_w        r = N command
     T_l = L (J_eq w - m_k)                       m_k+1 = m_k + T_s (K_t i + T_l)
 
-The plant's N, J_eq, B_eq, K_t and K_e are those of the actuator as built, off by ``deviation.*`` from the nominal ones
-of the controllers. There are no limits, no Coulomb friction or its compensation, no current offset, encoder counts or
-loads. The command is late by whole samples, but neither rounded nor held for longer than a sample. Controllers are
-sampled at T_s, and the plant between the samples is solved exactly by matrix exponentials, so a comparison contains no
-integration error. The model uses no equation of the nonlinear one.
+The plant's N, J_eq, B_eq, K_t and K_e are those of the actuator as built; those of the controllers are nominal and differ by
+``deviation.*``. The model has no limits, Coulomb friction, friction compensation, current offset, encoder counts or
+loads. The command is delayed by whole samples, but not rounded, and held for one sample. The controllers are sampled at
+T_s. The plant between samples is solved exactly by matrix exponentials, without integration error. Of the nonlinear
+reference, only the parameters as built and their dependence on temperature are shared.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ from .vehicle import as_built, hinge_friction
 
 
 def obstacle(values: Mapping[str, Any]) -> str:
-    """Return why the linear model does not hold for these parameters, with the remedy; empty if it does."""
-    held = whole_samples(values, "command.update_time") > 1
+    """Return the reason, with a remedy, why the linear model is not valid for these parameters; "" if it is."""
+    is_held = whole_samples(values, "command.update_time") > 1
     for name, unit, present in (("command.resolution", "rad", values["command.resolution"] > 0.0),
-                              ("command.update_time", "s", held)):
+                              ("command.update_time", "s", is_held)):
         if present:
             return f"{name} = {values[name]:g} {unit}: the linear model has no such effect; set it to 0"
     return ""
 
 
 class LinearModel:
-    """Discrete state space of the closed loop at the controllers' sample times, behind the command's latency.
+    """Discrete state space of the closed loop at the controllers' sample times, after the command's latency.
 
-    ``sample_time`` [s]; the input is the fin command [rad], the output the fin angle [rad].
-    ``update``, ``drive`` and ``output`` are its matrices; ``written`` is the effect of a DAC value on the next state.
+    ``sample_time`` is in s; the input is the fin command [rad], the output the fin angle [rad]. ``update``, ``drive``
+    and ``output`` are its matrices; ``written`` is the effect on the next state of a voltage added to the DAC value.
     The state is motor angle, speed, current, xi, I, V, r_k-1, m and the DAC values on their way to the drive.
-    Raises EmcasError for parameters for which it does not hold (`obstacle`).
+    Raises EmcasError if it is not valid for the parameters (`obstacle`).
     """
 
     def __init__(self, values: Mapping[str, Any]) -> None:
@@ -55,27 +55,27 @@ class LinearModel:
             raise EmcasError(why)
         self.values, self.sample_time = values, float(values["controller.sample_time"])
         _, self.ratio, self.inertia = _plant(values)
-        plant, turned, _ = _plant(as_built(values))
-        late, rest = divmod(float(values["drive.transport_delay"]), self.sample_time)
-        if self.sample_time - rest < 1e-9 * self.sample_time:  # a delay of whole periods, but for rounding
-            late, rest = late + 1, 0.0
+        plant, built_ratio, _ = _plant(as_built(values))
+        whole, rest = divmod(float(values["drive.transport_delay"]), self.sample_time)
+        if self.sample_time - rest < 1e-9 * self.sample_time:  # a delay of whole periods except for rounding
+            whole, rest = whole + 1, 0.0
         # In each period the older DAC value acts for `rest`, then the newer one.
-        before, after = (scipy.linalg.expm(plant * time) for time in (rest, self.sample_time - rest))
-        self.free, self.older, self.newer = (after @ before)[:4, :4], after[:4, :4] @ before[:4, 4], after[:4, 4]
-        size = 9 + int(late)
+        first, second = (scipy.linalg.expm(plant * time) for time in (rest, self.sample_time - rest))
+        self.free, self.older, self.newer = (second @ first)[:4, :4], second[:4, :4] @ first[:4, 4], second[:4, 4]
+        size = 9 + int(whole)
         unit = np.eye(size + 2)
         following = self._next(unit[:size], unit[size], unit[size + 1])
         self.update, self.drive, self.written = following[:, :size], following[:, size], following[:, size + 1]
         self.latency = whole_samples(values, "command.latency")
         self.output = np.zeros(size)
-        self.output[0] = 1.0 / turned
+        self.output[0] = 1.0 / built_ratio
 
     def _next(self, states: Array, command: Array, written: Array) -> Array:
-        """Return states (rows) a sample later, under commands [rad], with `written` [V] added to the DAC value."""
+        """Return `states` (rows) one sample later, for commands [rad] and voltages `written` [V] added to the DAC value."""
         p, period = self.values, self.sample_time
-        theta, speed, current, _, integral, velocity_integral, before, momentum, *dac = states
+        theta, speed, current, _, integral, velocity_integral, previous_target, momentum, *dac = states
         target = self.ratio * command
-        fed_forward = p["controller.position.velocity_feedforward"] / period * (target - before)
+        fed_forward = p["controller.position.velocity_feedforward"] / period * (target - previous_target)
         weighted = p["controller.position.setpoint_weight"] * target - theta
         error = p["controller.position.kp"] * weighted + integral + fed_forward - speed
         torque_constant, bandwidth = p["motor.torque_constant"], p["controller.load_observer"]
@@ -90,7 +90,7 @@ class LinearModel:
             observed if bandwidth else np.zeros_like(observed), *dac[1:]])
 
     def simulate(self, command: Array) -> Array:
-        """Return fin angle [rad] at each sample, from rest, before that sample's command [rad] acts."""
+        """Return the fin angle [rad] at each sample, from rest, for the fin command [rad] at each sample."""
         state, angles = np.zeros(len(self.drive)), np.empty(len(command))
         for k, value in enumerate(np.append(np.zeros(self.latency), command)[:len(command)]):
             angles[k] = self.output @ state
@@ -98,7 +98,7 @@ class LinearModel:
         return angles
 
     def frequency_response(self, frequency: Array) -> NDArray[np.complex128]:
-        """Return fin angle over command [1] at frequencies [Hz] below half the sample rate."""
+        """Return the complex ratio of fin angle to command [1] at frequencies [Hz] below half the sample rate."""
         identity = np.eye(len(self.drive))
         shift = np.exp(2j * np.pi * np.asarray(frequency) * self.sample_time)
         return np.array([self.output @ np.linalg.solve(z * identity - self.update, self.drive) / z**self.latency
@@ -106,7 +106,7 @@ class LinearModel:
 
 
 def _plant(values: Mapping[str, Any]) -> tuple[Array, float, float]:
-    """Return d/dt of (theta, w, i, xi, u in the drive), N and J_eq [kg.m2]."""
+    """Return the matrix of d/dt (theta, w, i, xi, u at the drive), the ratio N [1] and the inertia J_eq [kg.m2]."""
     lead = values["screw.lead"]
     ratio = values["kinematics.moment_arm"] / lead
     fin = values["inertia.fin"] + values["inertia.shaft"] + values["inertia.fork"]

@@ -1,4 +1,5 @@
-"""Lever, cylinder and position loop of the hydraulic actuators: the loop controls the piston by the fin's transducer.
+"""Lever, cylinder and position loop of the hydraulic actuators: the loop computes the piston's position
+from the fin's transducer.
 
 The state begins with fin angle [rad], fin rate [rad/s] and the pressures of both chambers [Pa].
 """
@@ -50,7 +51,7 @@ class Cylinder(Actuator, ABC):
         return side * self._moment(y, ratio, around) - self._dry(ratio)
 
     def turning(self, y: State, way: int, around: Surroundings) -> float:
-        """Return the acceleration [rad/s2] of a fin that slides in a direction, 0 at rest."""
+        """Return the acceleration [rad/s2] of a fin that slides in the direction `way`, 0 at rest."""
         if not way:
             return 0.0
         p, (_, ratio, bend) = self.p, lever(self.p, y[FIN])
@@ -61,7 +62,7 @@ class Cylinder(Actuator, ABC):
         return net / (self.inertia + mass * ratio**2)
 
     def chambers(self, y: State) -> tuple[float, float, float]:
-        """Return the flow [m3/s] that the piston displaces, out of the first chamber, and both volumes [m3]."""
+        """Return the rate [m3/s] at which the first chamber grows, as the second shrinks, and both volumes [m3]."""
         position, ratio, _ = lever(self.p, y[FIN])
         area, dead = self.p["cylinder.area"], self.p["cylinder.dead_volume"]
         return area * ratio * y[RATE], dead + area * position, dead - area * position
@@ -70,8 +71,8 @@ class Cylinder(Actuator, ABC):
 class PistonLoop:
     """PI on the piston position from the fin's transducer, with a speed reference of at most `fastest` [m/s].
 
-    `inner` returns the output of the loop, and how far beyond what is possible its demand was, from the speed
-    reference [m/s], the measured position [m] and the state.
+    `inner` returns the loop's output and the excess of its demand over the limits, from the speed reference [m/s], the
+    measured position [m] and the state.
     """
 
     def __init__(self, p: Mapping[str, float], fastest: float,
@@ -80,11 +81,11 @@ class PistonLoop:
         self._reset(self.read(p["fin.start_angle"]))
 
     def _reset(self, piston: float) -> None:
-        """Start at rest at a measured piston position [m]."""
-        self.before, self.integral = piston, self._resting(piston)  # m, m/s
+        """Reset the loop to rest at a measured piston position [m]."""
+        self.last_piston, self.integral = piston, self._resting(piston)  # m, m/s
 
     def _resting(self, piston: float) -> float:
-        """Return the integral [m/s] with which the speed reference at a piston position [m] is 0."""
+        """Return the integral [m/s] at which the speed reference is 0 for rest at a piston position [m]."""
         return self.p["controller.position.kp"] * (1.0 - self.p["controller.position.setpoint_weight"]) * piston
 
     def read(self, angle: float) -> float:
@@ -93,7 +94,7 @@ class PistonLoop:
         return lever(self.p, step * math.floor(angle / step + 0.5) if step else angle)[0]
 
     def sample(self, y: State, command: float, enable: bool) -> float:
-        """Return the output at a state of the actuator under a command [rad]."""
+        """Return the output, as of `inner`, at a state of the actuator under a command [rad]; 0 if disabled."""
         p, piston = self.p, self.read(y[FIN])
         if not enable:
             self._reset(piston)
@@ -101,10 +102,10 @@ class PistonLoop:
         target = lever(p, clip(command, p["command.limit"]))[0]
         weighted = p["controller.position.setpoint_weight"] * target - piston
         speed, error = p["controller.position.kp"] * weighted + self.integral, target - piston
-        sent, beyond = self.inner(clip(speed, self.fastest), piston, y)
-        if (abs(speed) > self.fastest and speed * error > 0.0) or beyond * error > 0.0:
-            self.integral += self._resting(piston - self.before)  # at a limit it moves with the piston
+        output, excess = self.inner(clip(speed, self.fastest), piston, y)
+        if (abs(speed) > self.fastest and speed * error > 0.0) or excess * error > 0.0:
+            self.integral += self._resting(piston - self.last_piston)  # at a limit the integral moves with the piston
         else:
             self.integral += p["controller.sample_time"] * p["controller.position.ki"] * error
-        self.before = piston
-        return sent
+        self.last_piston = piston
+        return output

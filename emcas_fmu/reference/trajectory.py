@@ -1,8 +1,9 @@
-"""A trajectory generator and feed-forward before the thesis's loops, sample by sample.
+"""Trajectory generator and feed-forward in front of the thesis's loops.
 
-The generator has angle r, rate v and acceleration a. Its speed towards the command c is that of a linear system where
-the rest e of the way is short, and that of braking with 0.8 a_max elsewhere; the acceleration then follows from that
-speed with the time constant 1/(2 z W). A history of r delays the feedback by the drive's delay and the current's lag.
+The generator has angle r, rate and acceleration, natural frequency W and damping z. Its target rate is that of a linear
+system, e W/(2 z), while the remaining angle e to the command is small, and otherwise that of braking with 0.8 a_max.
+Its rate approaches the target with the time constant 1/(2 z W). The loops' command is r delayed by the drive's delay
+and the current's lag, read from a history of r.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from .controllers import Controllers
 from .screw import Screw
 from .vehicle import clip
 
+# Parameters of the loops behind the generator.
 _FOLLOWING = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 1.0,
               "command.update_time": 0.0}
 
@@ -20,26 +22,26 @@ _INTEGRALS = ("controller.position.ki", "controller.velocity.ki")
 
 
 class Following(Controllers):
-    """The loops of the thesis's actuator behind a trajectory generator, with feed-forward of its motion."""
+    """The loops of the thesis's actuator behind a trajectory generator, whose motion is fed forward."""
 
     def __init__(self, plant: Screw, nominal: Screw):
-        self.gains = [float(nominal.p[name]) for name in _INTEGRALS]
-        nominal.p = self.own = {**nominal.p, **_FOLLOWING}
+        self.integral_gains = [float(nominal.p[name]) for name in _INTEGRALS]
+        nominal.p = self.loop_parameters = {**nominal.p, **_FOLLOWING}
         super().__init__(plant, nominal)
         p = self.p
-        lag = p["motor.inductance"] / (p["motor.resistance"] + p["drive.kp"])  # s, of the current
+        lag = p["motor.inductance"] / (p["motor.resistance"] + p["drive.kp"])  # s, lag of the current
         frequency = p.get("filters.notch_frequency", 0.0)
         if frequency:
             lag += 2.0 * (p["filters.notch_pole_damping"] - p["filters.notch_zero_damping"]) / frequency
-        self.late = (p["drive.transport_delay"] + lag) / self.period  # samples
+        self.delay = (p["drive.transport_delay"] + lag) / self.period  # samples
         self._rest(self.nominal.fin_angle(self._measure(p["fin.start_angle"], 0.0)[1]))
 
     def _rest(self, fin: float) -> None:
-        self.history = [fin] * (math.ceil(self.late) + 2)  # rad, the newest first
+        self.history = [fin] * (math.ceil(self.delay) + 2)  # rad, the newest first
         self.rate = self.acceleration = self.integral_of_drive = 0.0
-        self.lost = 0.0  # share of the last sample's motion
-        self.ahead: tuple[float, float] = 0.0, 0.0
-        self.rate_before = 0.0  # rad/s, of the motor, of the motion that was followed at the last sample
+        self.lost = 0.0  # share of the last sample's motion that a lagging fin has removed
+        self.forward: tuple[float, float] = 0.0, 0.0  # rad/s and V, speed and reference that are fed forward
+        self.last_mean = 0.0  # rad/s, motor speed that the followed angle had in the last sample
 
     def sample(self, delta: float, omega: float, command: float, enable: bool, current: float = 0.0) -> float:
         """Return the DAC value [V] of a sample; see :meth:`Controllers.sample`."""
@@ -48,31 +50,31 @@ class Following(Controllers):
         after = rate + self.period * self.acceleration
         following = now + self.period * (rate + after) / 2.0
         self._feed_forward(now, rate, following, after)
-        whole, share = math.floor(self.late), self.late % 1.0
+        whole, share = math.floor(self.delay), self.delay % 1.0
         followed = clip((1.0 - share) * self.history[whole] + share * self.history[whole + 1], self.p["command.limit"])
-        self.own.update(zip(_INTEGRALS, (0.0, 0.0) if 0.0 < self.lost < 0.5 else self.gains, strict=True))
-        # The mean rate of the last sample, which is fed forward, is half a sample older than an observed speed.
+        self.loop_parameters.update(zip(_INTEGRALS, (0.0, 0.0) if 0.0 < self.lost < 0.5 else self.integral_gains, strict=True))
+        # An observed speed is half a sample newer than the mean rate that is fed forward.
         mean = (self._target(followed) - self.target) / self.period
         if self.observer:
-            speed, reference = self.ahead
-            self.ahead = speed, reference + self.p["controller.velocity.kp"] * (mean - self.rate_before) / 2.0
+            speed, reference = self.forward
+            self.forward = speed, reference + self.p["controller.velocity.kp"] * (mean - self.last_mean) / 2.0
         reference = super().sample(delta, omega, followed, enable, current)
         fin = self.measured
         if not enable:
             self._rest(fin)
             return reference
-        self.rate_before = mean
-        # A fin that stays behind slows the motion down, at most to a standstill.
+        self.last_mean = mean
+        # A fin that lags too far slows the generator, at most to a standstill.
         behind, limit, way = followed - fin, self.p["trajectory.tracking_limit"], self.period * after
         lost = math.copysign(min(max(abs(behind) - limit, 0.0), abs(way)), way) if behind * way > 0.0 else 0.0
-        lost *= self.gains[0] > 0.0  # without integral a load keeps the fin behind
+        lost *= self.integral_gains[0] > 0.0  # without integral action any load keeps the fin behind
         self.lost = lost / way if way else 0.0
         self.rate = after - 0.3 * lost / self.period
         self.history = [angle - lost for angle in (following, *self.history[:-1])]
         return reference
 
     def _accelerate(self, way: float) -> None:
-        """Set the acceleration [rad/s2] until the next sample, for a rest of the way [rad]."""
+        """Set the acceleration [rad/s2] until the next sample, for a remaining angle `way` [rad]."""
         p = self.p
         damping, frequency = p["trajectory.damping"], p["trajectory.natural_frequency"]
         largest, constant = p["trajectory.acceleration_limit"], 2.0 * damping / frequency
@@ -80,26 +82,26 @@ class Following(Controllers):
         linear = braking * constant**2
         speed = (abs(way) / constant if abs(way) <= linear
                  else math.sqrt(2.0 * braking * (abs(way) - linear / 2.0)))
-        wanted = math.copysign(min(speed, p["trajectory.rate_limit"]), way)
-        acceleration = clip(2.0 * damping * frequency * (wanted - self.rate), largest)
+        target = math.copysign(min(speed, p["trajectory.rate_limit"]), way)
+        acceleration = clip(2.0 * damping * frequency * (target - self.rate), largest)
         self.acceleration += clip(acceleration - self.acceleration, p["trajectory.jerk_limit"] * self.period)
 
     def _feed_forward(self, now: float, rate: float, following: float, after: float) -> None:
-        """Set the motor speed [rad/s] that is fed forward, and its reference [V]."""
+        """Set the motor speed [rad/s] and the reference [V] that are fed forward."""
         p, ratios = self.p, (self.nominal.ratio(now), self.nominal.ratio(following))
         first, last = ratios[0] * rate, ratios[1] * after
         speed, inertia = (first + last) / 2.0, (self._inertia(now) + self._inertia(following)) / 2.0
         way = 1 if speed > 0.0 else -1
         viscous = self.nominal.viscous[way] + self.nominal.fin_viscous / ratios[0] ** 2
-        # The fin's inertia at the motor changes with the ratio, of which the slope over the ratio is the bend.
+        # The fin's inertia, referred to the motor, changes with the ratio R; `bend` is R'/R.
         swing = self.nominal.fin_inertia / ratios[0] ** 3 * self.nominal.bend(now)
         torque = inertia * (last - first) / self.period + viscous * speed - swing * speed**2
         motor = torque / p["motor.torque_constant"]
         voltage = p["motor.resistance"] * motor + p["motor.back_emf_constant"] * speed
         error = (voltage - self.integral_of_drive) / p["drive.kp"]
         self.integral_of_drive += self.period * p["drive.ki"] * error
-        self.ahead = speed, (motor + error) / p["drive.current_gain"]
+        self.forward = speed, (motor + error) / p["drive.current_gain"]
 
     def fed_forward(self, feedback: float, reference: float) -> tuple[float, float]:
-        """Return the speed [rad/s] that friction is compensated for, and the reference [V] of the motion."""
-        return (reference, 0.0) if self.lost else (feedback + self.ahead[0], self.ahead[1])
+        """Return the speed [rad/s] for the friction compensation, and the reference [V] of the motion."""
+        return (reference, 0.0) if self.lost else (feedback + self.forward[0], self.forward[1])
