@@ -1,9 +1,9 @@
-"""The dual clutch actuator in time: fin and motor integrated from event to event.
+"""Integration of the dual clutch actuator from event to event.
 
-Coordinates are the fin's angle and rate and the motor's speed. A `Mode` holds for each dry friction the direction of
-sliding, or that it sticks, and the modes of both coils' amplifiers and of the motor's diode. The motor has to keep
-turning: a run in which it comes to rest is refused. Controllers, bus, lever, loads and friction are those of the
-thesis's actuator (:mod:`.screw`).
+Coordinates are the fin's angle and rate and the motor's speed. A `Mode` contains the direction of sliding
+of each dry friction, 0 if it sticks, and the modes of both coils' amplifiers and of the motor's diode. The motor must
+keep turning: a run in which it comes to rest raises ValueError. Controllers, bus, lever, loads and friction are those
+of the thesis's actuator (:mod:`.screw`).
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from .screw import Screw
 from .vehicle import Surroundings, sign
 
 FIN, RATE, MOTOR, COIL_1, COIL_2, FLUX_1, FLUX_2, TEMPERATURE = range(8)
-TURNS = (1.0, -1.0)  # direction of the motor in which each clutch turns the screw
+TURNS = (1.0, -1.0)  # of the screw by each clutch, relative to the motor
 
 
 class Mode(NamedTuple):
-    """Directions of sliding of the screw and of both clutches, 0 of what sticks; the modes of both coils' amplifiers;
-    whether the motor draws current."""
+    """Directions of sliding of screw and clutches, 0 if they stick; modes of both coils' amplifiers; True while the
+    motor consumes current."""
 
     screw: int = 0
     slip_1: int = 1
@@ -52,17 +52,17 @@ class Clutches(Actuator):
         self.coils = [Coil(p, "drive.kp", f"clutch.share_{k + 1}", f"coil_{k + 1}", COIL_1 + k, FLUX_1 + k, TEMPERATURE)
                       for k in (0, 1)]
         per_ampere = p["clutch.rated_torque"] * (1.0 - p["clutch.residual"]) / p["clutch.rated_current"]
-        # Lever, screw, fin and loads of the thesis's actuator: the driven halves turn where its rotor does.
+        # Lever, screw, fin and loads of the thesis's actuator, with the driven halves in place of its rotor.
         self.screw = Screw({**p, "inertia.motor": p["clutch.driven_inertia"], "motor.torque_constant": per_ampere})
         self.rotor = p["inertia.motor"] + p["clutch.driving_inertia"]
-        # No clutch holds a screw at rest to a motor that turns.
+        # At rest the screw cannot stick to the turning motor.
         rest: Changes = {RATE: 0.0, "slip_1": lambda y, _: sign(self.slips(y)[0]) or 1,
                 "slip_2": lambda y, _: sign(self.slips(y)[1]) or -1}
         self.bodies = (Body("screw", itemgetter(RATE), self._excess, rest, FIN, self.screw.stop),
                        self._clutch(0), self._clutch(1))
 
     def _clutch(self, k: int) -> Body:
-        """Return clutch k as a body that slides on the motor."""
+        """Return clutch `k` as a body that slides against the motor."""
         return Body(f"slip_{k + 1}", lambda y: self.slips(y)[k],
                     lambda y, mode, around, side: side * self.locked(y, mode, k, around)[2] - self.coils[k].limit(y),
                     {MOTOR: lambda y, _: TURNS[k] * self.screw.ratio(y[FIN]) * y[RATE]})
@@ -74,18 +74,18 @@ class Clutches(Actuator):
                 Mode())
 
     def controller(self, nominal: Clutches) -> Sample:
-        """Return the thesis's controllers; the difference of the coils' currents is the motor's."""
+        """Return the thesis's controllers, with the difference of the coils' currents as motor current."""
         loops = Controllers(self.screw, nominal.screw)
         return lambda y, command, enable: loops.sample(y[FIN], y[RATE], command, enable, y[COIL_1] - y[COIL_2])
 
     def outputs(self, y: State, _around: Surroundings) -> tuple[float, ...]:
-        """Return the outputs in SI, up to the clutch's temperature."""
+        """Return the outputs [SI] up to the clutch's temperature [degC]."""
         return *y[:FLUX_1], y[TEMPERATURE]
 
     # Equations ----------------------------------------------------------------------------------------------
 
     def slips(self, y: State) -> tuple[float, float]:
-        """Return the sliding speeds [rad/s] of both clutches: of the motor's side over the screw's."""
+        """Return the sliding speeds [rad/s] of both clutches: the motor side's speed minus the screw's."""
         speed = self.screw.ratio(y[FIN]) * y[RATE]
         return y[MOTOR] - speed, -y[MOTOR] - speed
 
@@ -97,13 +97,13 @@ class Clutches(Actuator):
         return self.p["coil.connected_1"] * (bias + max(net, 0.0)), bias + max(-net, 0.0)
 
     def surplus(self, y: State, around: Surroundings) -> float:
-        """Return the voltage [V] left for the motor's winding."""
+        """Return the supply voltage minus the motor's back-EMF [V]."""
         return around.supply - self.p["motor.back_emf_constant"] * y[MOTOR]
 
     def _loads(self, y: State, mode: Mode, around: Surroundings, without: int = -1) -> tuple[float, float]:
-        """Return moment and torque [N.m] on fin and motor.
+        """Return the moment on the fin and the torque on the motor [N.m].
 
-        The clutch `without` is left out, and so is the friction of a screw at rest.
+        The clutch with index `without` and the friction of a resting screw are omitted.
         """
         p, s, (delta, rate, speed) = self.p, self.screw, y[:COIL_1]
         ratio = s.ratio(delta)
@@ -123,7 +123,7 @@ class Clutches(Actuator):
         return self.screw.fin_inertia + self.screw.motor_inertia * ratio**2
 
     def locked(self, y: State, mode: Mode, k: int, around: Surroundings) -> tuple[float, float, float]:
-        """Return the fin's and the motor's acceleration [rad/s2] with clutch k locked, and its torque [N.m]."""
+        """Return the accelerations of fin and motor [rad/s2] with clutch `k` locked, and its torque [N.m]."""
         ratio, turn = self.screw.ratio(y[FIN]), TURNS[k]
         fin, motor = self._loads(y, mode, around, k)
         bent = ratio * self.screw.bend(y[FIN]) * y[RATE] ** 2
@@ -133,11 +133,11 @@ class Clutches(Actuator):
         return rate, turn * faster, turn * motor - self.rotor * faster
 
     def _excess(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
-        """Return the moment [N.m] on a screw at rest towards `side` beyond what friction holds."""
+        """Return the moment [N.m] about the hinge on a resting screw towards `side` beyond stiction."""
         return side * self._loads(y, mode, around)[0] - self.screw.coulomb(y[FIN], side)
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
-        """Return d/dt of the state, in SI per s, in a mode."""
+        """Return d/dt of the state [SI/s] in a mode."""
         if 0 in mode.slip:
             rate, faster, _ = self.locked(y, mode, mode.slip.index(0), around)
         else:
@@ -153,7 +153,7 @@ class Clutches(Actuator):
     # Modes --------------------------------------------------------------------------------------------------
 
     def admit(self, y: State, mode: Mode, around: Surroundings) -> Any:
-        """Return the mode after the surroundings have jumped."""
+        """Return the mode after a jump of the surroundings."""
         for coil, reference in zip(self.coils, self.references(around), strict=True):
             mode = coil.admit(y, mode, reference, around.supply)
         return super().admit(y, mode._replace(feeds=self.surplus(y, around) > 0.0), around)
@@ -161,7 +161,7 @@ class Clutches(Actuator):
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
         """Return the events that end a mode."""
         def motor_rests(y: State, _around: Surroundings) -> int:
-            raise ValueError("the motor comes to rest, which this reference does not cover")
+            raise ValueError("the motor comes to rest; this reference requires inputs with which it keeps turning")
 
         coils = zip(self.coils, self.references(around), strict=True)
         return [Event(itemgetter(MOTOR), {MOTOR: motor_rests}), *super().events(mode, around),

@@ -203,8 +203,8 @@ class Driven(Actuator):
         return super().surroundings(row, reference)
 
     def admit(self, y: State, mode: Any, around: Surroundings) -> Any:
-        """Return the mode after a jump of the surroundings; sets a disabled bridge's integral to 0 in place, and without
-        diodes its current."""
+        """Return the mode after a jump of the surroundings; sets a disabled bridge's integral to 0 in place, and its
+        current if there are no diodes."""
         if not around.enable:
             y[self.current + 1] = 0.0
             if math.isinf(self._conduction(around)):

@@ -1,8 +1,8 @@
-"""The electrohydraulic actuator in time: valve, cylinder and fin integrated from event to event.
+"""Integration of the electrohydraulic actuator from event to event: valve, cylinder and fin.
 
-The equations are those of docs/model/electrohydraulic.md, written again. In a mode the fin slides or rests; the spool
-is free, at its largest speed or at the end of its stroke; each chamber has oil or a void. The check valves of the
-chambers only bend a slope, which needs no event.
+The equations of docs/model/electrohydraulic.md are written again here. In a mode the fin slides or rests; the spool is
+free, at its largest speed or at the end of its stroke; each chamber is full of oil or has a void. The flows of check
+valves are continuous and need no event.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from .piston import ONE, RATE, TWO, Cylinder, PistonLoop
 from .vehicle import Surroundings, clip, sign, surroundings
 
 SPOOL, SPOOL_RATE = 4, 5
-_CLOSE = 1.0 - 1e-12  # of a limit
-FREE = 0  # the spool; +-1 at its largest speed, +-2 at the end of its stroke
+_CLOSE = 1.0 - 1e-12  # share of a limit at which a value counts as at the limit
+FREE = 0  # mode of the spool; +-1 is at its largest speed, +-2 at the end of its stroke
 
 
 class Mode(NamedTuple):
-    """Direction of sliding, or 0 at rest; the spool's mode; whether each chamber has a void."""
+    """Direction of the sliding fin, 0 at rest; mode of the spool; True for a chamber with a void."""
 
     fin: int = 0
     spool: int = FREE
@@ -40,33 +40,33 @@ class Electrohydraulic(Cylinder):
     def __init__(self, parameters: Mapping[str, float]):
         super().__init__(parameters)
         p = self.p
-        # Flow of one edge fully open is Q_r at half the rated drop.
+        # One fully open edge passes the rated flow at half the rated pressure drop.
         self.gain = p["valve.rated_flow"] / math.sqrt(p["valve.rated_pressure"] / 2.0)
         self.fastest, self.tank = 1.0 / p["valve.stroke_time"], p["tank.pressure"]
 
     def start(self) -> tuple[State, Mode]:
-        """Return the state at the start, and a mode that the first instant replaces."""
+        """Return the state at rest at the start angle, and a mode that `settled` completes."""
         filled = self.p["cylinder.start_pressure"]
         return [self.p["fin.start_angle"], 0.0, filled, filled, 0.0, 0.0], Mode()
 
     def controller(self, nominal: Electrohydraulic) -> Sample:
-        """Return PI on the piston position; its speed reference over the largest is the valve's command."""
+        """Return PI on the piston position; the valve command is the ratio of its speed reference to the largest."""
         full = nominal.p["valve.rated_flow"] / nominal.p["cylinder.area"]
         return PistonLoop(nominal.p, full, lambda speed, _piston, _y: (speed / full, 0.0)).sample
 
     def surroundings(self, row: Mapping[str, float], reference: float) -> Surroundings:
-        """Return loads and valve command under an input row and a delayed valve command [1]."""
+        """Return loads and valve command [1] from a row of inputs and the delayed valve command [1]."""
         command = clip((reference if row["enable"] else 0.0) + self.p["valve.null_shift"], 1.0)
         return surroundings(self.p, row, command, self.supply[0])
 
     def outputs(self, y: State, _around: Surroundings) -> State:
-        """Return the outputs."""
+        """Return fin angle [rad], fin rate [rad/s], both pressures [Pa] and valve position [1]."""
         return y[:SPOOL_RATE]
 
     # Equations --------------------------------------------------------------------------------------------
 
     def flows(self, spool: float, supply: float, one: float, two: float) -> tuple[float, float]:
-        """Return the flows [m3/s] of the valve and its check valves into both chambers."""
+        """Return the flows [m3/s] through valve and check valves into both chambers."""
         lap, soft, k = self.p["valve.lap"], self.p["valve.laminar_pressure"], self.gain
 
         def through(drop: float) -> float:
@@ -87,25 +87,25 @@ class Electrohydraulic(Cylinder):
         beta = self.p["oil.bulk_modulus"]
         return beta * (into_1 - lost) / volume_1, beta * (into_2 + lost) / volume_2
 
-    def spool_force(self, y: State, around: Surroundings) -> float:
-        """Return the spool's acceleration [1/s2] where nothing limits it."""
+    def spool_acceleration(self, y: State, around: Surroundings) -> float:
+        """Return the spool's acceleration [1/s2] without its limits."""
         w, damping = self.p["valve.natural_frequency"], self.p["valve.damping"]
         return w * w * (around.reference - y[SPOOL]) - 2.0 * damping * w * y[SPOOL_RATE]
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
-        """Return d/dt of the state, in SI per s, in a mode."""
+        """Return d/dt of the state [SI/s] in a mode."""
         rise_1, rise_2 = self.rises(y, around)
         return (y[RATE], self.turning(y, mode.fin, around), 0.0 if mode.void_1 else rise_1,
-                0.0 if mode.void_2 else rise_2, y[SPOOL_RATE], 0.0 if mode.spool else self.spool_force(y, around))
+                0.0 if mode.void_2 else rise_2, y[SPOOL_RATE], 0.0 if mode.spool else self.spool_acceleration(y, around))
 
     # Modes ------------------------------------------------------------------------------------------------
 
     def settled(self, y: State, mode: Mode, around: Surroundings) -> Any:
-        """Return the mode of a state; puts states that are at a limit exactly there."""
-        spool, force = FREE, self.spool_force(y, around)
-        if abs(y[SPOOL]) >= _CLOSE and y[SPOOL] * y[SPOOL_RATE] >= 0.0 and y[SPOOL] * force >= 0.0:
+        """Return the mode of a state; sets values near a limit to the limit in place."""
+        spool, acceleration = FREE, self.spool_acceleration(y, around)
+        if abs(y[SPOOL]) >= _CLOSE and y[SPOOL] * y[SPOOL_RATE] >= 0.0 and y[SPOOL] * acceleration >= 0.0:
             y[SPOOL], y[SPOOL_RATE], spool = float(sign(y[SPOOL])), 0.0, 2 * sign(y[SPOOL])
-        elif abs(y[SPOOL_RATE]) >= self.fastest * _CLOSE and y[SPOOL_RATE] * force >= 0.0:
+        elif abs(y[SPOOL_RATE]) >= self.fastest * _CLOSE and y[SPOOL_RATE] * acceleration >= 0.0:
             spool = sign(y[SPOOL_RATE])
             y[SPOOL_RATE] = spool * self.fastest
         for chamber in (ONE, TWO):
@@ -115,12 +115,12 @@ class Electrohydraulic(Cylinder):
         return super().settled(y, Mode(mode.fin, spool, void_1, void_2), around)
 
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
-        """Return the events that end a mode; those of spool and chambers put the state where the next mode begins."""
+        """Return the events that end a mode; events of spool and chambers set the state for the next mode."""
         def faster(side: int) -> Event:
             return Event(lambda y: self.fastest - side * y[SPOOL_RATE], {SPOOL_RATE: side * self.fastest})
 
         def chamber(index: int, empty: bool) -> Event:
-            if empty:  # a hair above nothing, so that it counts as filled
+            if empty:  # slightly above 0 Pa, so that the chamber counts as full
                 return Event(lambda y: -self.rises(y, around)[index - ONE], {index: 1e-3})
             return Event(lambda y: y[index], {index: 0.0})
 
@@ -128,8 +128,8 @@ class Electrohydraulic(Cylinder):
         if mode.spool == FREE:
             events += [faster(1), faster(-1)]
         elif abs(mode.spool) == 1:
-            # A hair slower than the fastest, so that it counts as free.
-            events.append(Event(lambda y: mode.spool * self.spool_force(y, around),
+            # Slightly below the largest speed, so that the spool counts as free.
+            events.append(Event(lambda y: mode.spool * self.spool_acceleration(y, around),
                                 {SPOOL_RATE: mode.spool * self.fastest * (1.0 - 1e-11)}))
         if abs(mode.spool) < 2:
             events.append(Event(lambda y: 1.0 - abs(y[SPOOL]),

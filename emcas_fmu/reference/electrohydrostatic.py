@@ -1,7 +1,7 @@
-"""The electrohydrostatic actuator in time: motor, pump, cylinder and fin integrated from event to event.
+"""Integration of the electrohydrostatic actuator from event to event: motor, pump, cylinder and fin.
 
-The equations are those of docs/model/electrohydrostatic.md, written again. The state is fin angle [rad], fin rate
-[rad/s], both pressures [Pa], motor speed [rad/s], motor current [A], integral of the drive [V].
+The equations of docs/model/electrohydrostatic.md are written again here. The state is fin angle [rad], fin rate
+[rad/s], both pressures [Pa], motor speed [rad/s], motor current [A] and drive integral [V].
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ SPEED, CURRENT, INTEGRAL = range(4, 7)
 
 
 class Mode(NamedTuple):
-    """Directions of fin and shaft (0: at rest); the drive's mode; the relief valve's direction; which check valves are
-    open, and in which chambers there is a void."""
+    """Directions of fin and shaft, 0 at rest; mode of the drive; direction of flow through the relief valve, 0 if closed;
+    True for an open check valve, and for a chamber with a void."""
 
     fin: int
     shaft: int
@@ -37,7 +37,7 @@ class Mode(NamedTuple):
 class Electrohydrostatic(Cylinder, Driven):
     """Motor, drive, pump, valves, cylinder, lever and fin."""
 
-    accuracy = Accuracy(1e-10, (1e-2, 1.0, 1e5, 1e5, 1.0, 1.0, 1.0), 5e-5)  # s; the fastest mode has 0.11 ms
+    accuracy = Accuracy(1e-10, (1e-2, 1.0, 1e5, 1e5, 1.0, 1.0, 1.0), 5e-5)  # the shortest time constant is 0.11 ms
     names = ("fin_angle", "fin_rate", "pressure_1", "pressure_2", "motor_speed", "motor_current", "motor_voltage",
              "drive_reference")
     current = CURRENT
@@ -57,7 +57,7 @@ class Electrohydrostatic(Cylinder, Driven):
                 Mode(0, 0, FREE, 0, refilled, refilled, empty, empty))
 
     def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
-        """Return the outputs in SI, up to the motor's voltage."""
+        """Return the outputs [SI] up to the motor's voltage."""
         return *y[:INTEGRAL], self.voltage(y, around)
 
     # Equations ----------------------------------------------------------------------------------------------
@@ -67,7 +67,7 @@ class Electrohydrostatic(Cylinder, Driven):
         return y[SPEED]
 
     def _shaft_torque(self, y: State) -> float:
-        """Return the torque [N.m] of current and pressures on the shaft."""
+        """Return the torque [N.m] on the shaft from current and pressures."""
         return self.motor_torque(y[CURRENT]) - self.p["pump.displacement"] * (y[ONE] - y[TWO])
 
     def _shaft_dry(self, y: State) -> float:
@@ -75,7 +75,7 @@ class Electrohydrostatic(Cylinder, Driven):
         return self.p["pump.coulomb_friction"] + self.p["pump.pressure_friction"] * abs(y[ONE] - y[TWO])
 
     def _shaft_excess(self, y: State, _mode: Mode, _around: Surroundings, side: int) -> float:
-        """Return the torque [N.m] on a resting shaft towards `side` beyond what friction holds."""
+        """Return the torque [N.m] on a resting shaft towards `side` beyond stiction."""
         return side * self._shaft_torque(y) - self._shaft_dry(y)
 
     def acceleration(self, y: State, mode: Mode, _around: Surroundings) -> float:
@@ -84,13 +84,13 @@ class Electrohydrostatic(Cylinder, Driven):
         return net / self.p["inertia.motor"] if mode.shaft else 0.0
 
     def _leakage(self, around: Surroundings) -> float:
-        """Return the leakage [m3/(s.Pa)] between the chambers: of pump, cylinder and bypass valve."""
+        """Return the leakage [m3/(s.Pa)] between the chambers, through pump, cylinder and bypass valve."""
         p = self.p
         opening = (1.0 if p["bypass_valve.opens_disabled"] and not around.enable else p["bypass_valve.opening"])
         return p["pump.leakage"] + p["cylinder.internal_leakage"] + opening * p["bypass_valve.conductance"]
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
-        """Return d/dt of the state, in SI per s, in a mode."""
+        """Return d/dt of the state [SI/s] in a mode."""
         p, across, (displaced, volume_1, volume_2) = self.p, y[ONE] - y[TWO], self.chambers(y)
         pumped = p["pump.displacement"] * y[SPEED] - self._leakage(around) * across - displaced
         if mode.relief:
@@ -119,24 +119,24 @@ class Electrohydrostatic(Cylinder, Driven):
     # Controllers --------------------------------------------------------------------------------------------
 
     def controller(self, nominal: Electrohydrostatic) -> Sample:
-        """Return PI on the piston position, P on the motor's speed, and Coulomb friction fed forward."""
+        """Return PI on the piston position, P on the motor's speed, and compensation of Coulomb friction."""
         p = nominal.p
-        turns = p["cylinder.area"] / p["pump.displacement"]  # of the motor, for the piston's travel
+        turns = p["cylinder.area"] / p["pump.displacement"]  # rad/m, motor angle per piston travel
         gain, offset = p["drive.current_gain"], p["drive.current_offset"]
 
         def inner(speed: float, piston: float, y: State) -> tuple[float, float]:
             reference = turns * speed
-            compensated = clip(reference / p["compensation.speed_band"], 1.0)
-            torque = p["compensation.gain"] * nominal.friction(piston) * compensated
+            share = clip(reference / p["compensation.speed_band"], 1.0)
+            torque = p["compensation.gain"] * nominal.friction(piston) * share
             raw = p["controller.velocity.kp"] * (reference - y[SPEED]) + torque / (p["motor.torque_constant"] * gain)
-            sent = clip(raw, p["drive.reference_limit"])
-            beyond = raw - (clip(gain * sent + offset, p["drive.current_limit"]) - offset) / gain
-            return sent, beyond if abs(beyond) > 1e-9 else 0.0
+            output = clip(raw, p["drive.reference_limit"])
+            excess = raw - (clip(gain * output + offset, p["drive.current_limit"]) - offset) / gain
+            return output, excess if abs(excess) > 1e-9 else 0.0
 
         return PistonLoop(p, p["controller.speed_limit"] / turns, inner).sample
 
     def friction(self, piston: float) -> float:
-        """Return the motor torque [N.m] against Coulomb friction of fin, piston and pump without load."""
+        """Return the motor torque [N.m] that overcomes Coulomb friction of fin, piston and pump without load."""
         p = self.p
         arm = p["kinematics.moment_arm"]
         tangent = piston / arm + math.tan(p["kinematics.initial_angle"])

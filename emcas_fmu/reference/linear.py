@@ -8,7 +8,7 @@ The assembly angle is zero and the fin angle small, so that the reduction ratio 
     I_k+1 = I_k + T_s K_i,pos (r - theta)        V_k+1 = V_k + T_s K_i,vel e_w        r = N command
     T_l = L (J_eq w - m_k)                       m_k+1 = m_k + T_s (K_t i + T_l)
 
-The plant's N, J_eq, B_eq, K_t and K_e are those of the actuator as built; those of the controllers are nominal and differ by
+The plant's N, J_eq, B_eq, K_t and K_e are those of the actuator as built; those of the controllers are nominal, without
 ``deviation.*``. The model has no limits, Coulomb friction, friction compensation, current offset, encoder counts or
 loads. The command is delayed by whole samples, but not rounded, and held for one sample. The controllers are sampled at
 T_s. The plant between samples is solved exactly by matrix exponentials, without integration error. Of the nonlinear
@@ -71,7 +71,7 @@ class LinearModel:
         self.output[0] = 1.0 / built_ratio
 
     def _next(self, states: Array, command: Array, written: Array) -> Array:
-        """Return `states` (rows) one sample later, for commands [rad] and voltages `written` [V] added to the DAC value."""
+        """Return `states` (rows) one sample later, for commands [rad] and `written` [V], added to the DAC value."""
         p, period = self.values, self.sample_time
         theta, speed, current, _, integral, velocity_integral, previous_target, momentum, *dac = states
         target = self.ratio * command

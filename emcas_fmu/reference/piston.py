@@ -46,7 +46,7 @@ class Cylinder(Actuator, ABC):
         return self.dry + ratio * self.p["cylinder.coulomb_friction"]
 
     def _excess(self, y: State, _mode: Any, around: Surroundings, side: int) -> float:
-        """Return the moment [N.m] on a resting fin towards `side` beyond what friction holds."""
+        """Return the moment [N.m] on a resting fin towards `side` beyond stiction."""
         _, ratio, _ = lever(self.p, y[FIN])
         return side * self._moment(y, ratio, around) - self._dry(ratio)
 

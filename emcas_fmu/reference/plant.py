@@ -89,7 +89,7 @@ class Plant(Screw, Driven):
         return moment / inertia
 
     def excess(self, y: State, _mode: Mode, around: Surroundings, side: int) -> float:
-        """Return the moment [N.m] on a resting fin towards `side` beyond what friction holds."""
+        """Return the moment [N.m] on a resting fin towards `side` beyond stiction."""
         moment = self.ratio(y[0]) * self.motor_torque(y[2]) + self.loads(y[0], around)
         return side * moment - self.coulomb(y[0], side)
 

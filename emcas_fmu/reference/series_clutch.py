@@ -1,9 +1,9 @@
-"""The series clutch actuator in time: rotor, clutch, screw, no-back and fin integrated from event to event.
+"""Integration of the series clutch actuator from event to event: rotor, clutch, screw, no-back and fin.
 
-Coordinates are the fin's angle and rate and the rotor's speed; the nut transmits a moment M from the screw to the fin,
-which the screw feels as e M/R, with e by whether it drives the fin. A `Mode` holds the directions in which rotor,
-clutch and screw slide, or that they stick, the sign of M, and the modes of the drive and of the coil's amplifier.
-Drive, controllers, bus, lever and loads are those of the thesis's actuator; the rotor turns by itself.
+Coordinates are the fin's angle and rate and the rotor's speed. The nut transmits a moment M from screw to fin. It loads
+the screw by e M/R, where e depends on whether the screw drives the fin. A `Mode` contains the directions in which
+rotor, clutch and screw slide, 0 if they stick, the direction of power, and the modes of drive and coil amplifier.
+Drive, controllers, bus, lever and loads are those of the thesis's actuator; the rotor is a separate body.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from .screw import Screw
 from .vehicle import Surroundings, sign
 
 FIN, RATE, ROTOR, CURRENT, INTEGRAL, COIL, FLUX, TEMPERATURE = range(8)
-_KEPT = 1e-9  # N.m at the fin; a smaller M keeps the sign that an event gave it: it is rounding of some 10 N.m
+_KEPT = 1e-9  # N.m at the fin; below it M keeps its direction from the last event (rounding of about 10 N.m)
 
 
 class Mode(NamedTuple):
-    """`screw`, `rotor` and `slip` are directions of sliding, 0 of what sticks; the screw drives the fin (`load` 1) or
-    is driven by it (-1); `coil` and `drive` are the modes of amplifier and drive."""
+    """`screw`, `rotor` and `slip` are directions of sliding, 0 for sticking. The screw drives the fin (`load` 1) or the
+    fin drives the screw (-1). `coil` and `drive` are the modes of amplifier and drive."""
 
     screw: int = 0
     rotor: int = 0
@@ -37,7 +37,7 @@ class Mode(NamedTuple):
 
 
 class SeriesClutch(Driven):
-    """Rotor with drive, clutch, screw and fin; `whole` is the thesis's actuator that its controllers compute with."""
+    """Rotor with drive, clutch, screw and fin; the controllers compute with `whole`, the thesis's actuator."""
 
     accuracy = Accuracy(1e-10, (1e-2, 1.0, 10.0, 1.0, 1.0, 0.1, 0.1, 10.0), 2e-4)
     names = ("fin_angle", "fin_rate", "motor_speed", "motor_current", "motor_voltage", "coil_current",
@@ -67,7 +67,7 @@ class SeriesClutch(Driven):
         return lambda y, command, enable: loops.sample(y[FIN], y[RATE], command, enable, y[CURRENT])
 
     def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
-        """Return the outputs in SI, up to the clutch's temperature."""
+        """Return the outputs [SI] up to the clutch's temperature [degC]."""
         return *y[:INTEGRAL], self.voltage(y, around), y[COIL], y[TEMPERATURE]
 
     # Parts --------------------------------------------------------------------------------------------------
@@ -85,18 +85,18 @@ class SeriesClutch(Driven):
         return self.p["coil.connected"] * self.p["clutch.rated_current"] if around.enable else 0.0
 
     def _rotor(self, y: State, way: int, around: Surroundings) -> float:
-        """Return the torque [N.m] on a rotor that slides `way`, without clutch."""
+        """Return the torque [N.m] on a rotor that turns in the direction `way`, without clutch."""
         return (self.motor_torque(y[CURRENT]) - self.p["motor.viscous_friction"] * y[ROTOR]
                 - self.rotor_inertia * around.faster[0] - way * self.p["motor.coulomb_friction"])
 
     def _screw(self, y: State, way: int, around: Surroundings) -> float:
-        """Return the torque [N.m] on a screw that slides `way`, without clutch and nut."""
+        """Return the torque [N.m] on a screw that turns in the direction `way`, without clutch and nut."""
         s = self.screw
         return (-self.screw_inertia * around.faster[0] - s.viscous[way] * self.turning(y)
                 - way * s.coulomb_factor * s.motor_coulomb(y[FIN], way))
 
     def _fin(self, y: State, way: int, around: Surroundings) -> tuple[float, float]:
-        """Return inertia [kg.m2] and moment [N.m] that the nut has to move: M = inertia * acceleration + moment."""
+        """Return the fin's inertia [kg.m2] and moment [N.m] at the nut: M = inertia * acceleration + moment."""
         s, delta, rate = self.screw, y[FIN], y[RATE]
         ratio, nut = s.ratio(delta), self.p["mass.nut"] * s.lead**2
         outside = s.loads(delta, around) + ratio * self.screw_inertia * around.faster[0]  # the screw's share
@@ -107,7 +107,7 @@ class SeriesClutch(Driven):
     # Motion -------------------------------------------------------------------------------------------------
 
     def _moved(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, float, float]:
-        """Return the accelerations of fin and rotor [rad/s2] and the moment M [N.m], of a screw that moves."""
+        """Return the accelerations of fin and rotor [rad/s2] and the moment M [N.m] while the screw turns."""
         way, ratio = mode.screw, self.screw.ratio(y[FIN])
         torque, inertia = self._screw(y, way, around), self.screw_inertia
         if mode.slip:
@@ -119,17 +119,17 @@ class SeriesClutch(Driven):
         behind, moment = self._fin(y, way, around)
         bent = ratio * self.screw.bend(y[FIN]) * y[RATE] ** 2
         rate = (torque - inertia * bent - felt * moment) / (inertia * ratio + felt * behind)
-        faster = self._apart(y, mode, around) if mode.slip else ratio * rate + bent
+        faster = self._slipping_rotor(y, mode, around) if mode.slip else ratio * rate + bent
         return rate, faster, behind * rate + moment
 
-    def _apart(self, y: State, mode: Mode, around: Surroundings) -> float:
-        """Return the acceleration [rad/s2] of a rotor whose clutch slips."""
+    def _slipping_rotor(self, y: State, mode: Mode, around: Surroundings) -> float:
+        """Return the acceleration [rad/s2] of the rotor while its clutch slips."""
         if mode.rotor == 0:
             return 0.0
         return (self._rotor(y, mode.rotor, around) - mode.slip * self.coil.limit(y)) / self.rotor_inertia
 
-    def _held(self, y: State, mode: Mode, around: Surroundings) -> float:
-        """Return the torque [N.m] of a clutch that holds, of a screw that moves."""
+    def _locked_torque(self, y: State, mode: Mode, around: Surroundings) -> float:
+        """Return the torque [N.m] through a locked clutch while the screw turns."""
         _, faster, _ = self._moved(y, mode, around)
         return self._rotor(y, mode.rotor, around) - self.rotor_inertia * faster
 
@@ -137,14 +137,14 @@ class SeriesClutch(Driven):
         """Return the accelerations of fin and rotor [rad/s2]."""
         if mode.screw:
             return self._moved(y, mode, around)[:2]
-        return 0.0, self._apart(y, mode, around) if mode.slip else 0.0
+        return 0.0, self._slipping_rotor(y, mode, around) if mode.slip else 0.0
 
     def acceleration(self, y: State, mode: Mode, around: Surroundings) -> float:
         """Return the acceleration of the rotor [rad/s2]."""
         return self._accelerations(y, mode, around)[1]
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
-        """Return d/dt of the state, in SI per s, in a mode."""
+        """Return d/dt of the state [SI/s] in a mode."""
         heat = mode.slip * self.coil.limit(y) * (y[ROTOR] - self.turning(y))
         electrical = self.electrical(self.motor(y, mode, around), mode.drive, around)
         return [y[RATE], *self._accelerations(y, mode, around), *electrical,
@@ -153,8 +153,11 @@ class SeriesClutch(Driven):
     # Modes --------------------------------------------------------------------------------------------------
 
     def _starts(self, y: State, around: Surroundings) -> tuple[float, float, float, float]:
-        """Return the torques [N.m] from rotor to screw above which and below which a screw at rest starts up and down,
-        and above which and below which a rotor at rest starts down and up."""
+        """Return four limits [N.m] of the torque from rotor to screw.
+
+        A resting screw starts forwards above the first and backwards below the second; a resting rotor starts backwards
+        above the third and forwards below the fourth.
+        """
         bounds = []
         for way in (1, -1):
             _, moment = self._fin(y, way, around)
@@ -163,21 +166,21 @@ class SeriesClutch(Driven):
                           felt * moment / self.screw.ratio(y[FIN]) - self._screw(y, way, around))
         return bounds[0], bounds[1], self._rotor(y, -1, around), self._rotor(y, 1, around)
 
-    def _loaded(self, y: State, mode: Mode, around: Surroundings) -> Mode:
-        """Return the mode with the sign of M as it is: that does not depend on how much of M the screw feels."""
+    def _with_load(self, y: State, mode: Mode, around: Surroundings) -> Mode:
+        """Return the mode with the present direction of power; its sign does not depend on e."""
         driving = mode.screw * self._moved(y, mode, around)[2] if mode.screw else 0.0
         return mode._replace(load=sign(driving)) if abs(driving) > _KEPT else mode
 
     def settled(self, y: State, mode: Mode, around: Surroundings) -> Any:
-        """Return the mode in which what does not slide in `mode` sticks, if it can."""
+        """Return the mode in which clutch, screw and rotor, unless they slide in `mode`, stick if they can."""
         screw, rotor, slip = mode[:3]
         up, down, most, least = self._starts(y, around)
         limit = self.coil.limit(y)
         if slip == 0:
             way = screw or (1 if least > up else -1 if most < down else 0)
-            joined = self._loaded(y, mode._replace(screw=way, rotor=way), around)
+            joined = self._with_load(y, mode._replace(screw=way, rotor=way), around)
             if way:
-                torque = self._held(y, joined, around)
+                torque = self._locked_torque(y, joined, around)
             else:
                 low, high = max(least, down), min(most, up)
                 torque = low if low > 0.0 else min(high, 0.0)
@@ -187,10 +190,10 @@ class SeriesClutch(Driven):
         pushed = slip * limit
         screw = screw or (1 if pushed > up else -1 if pushed < down else 0)
         rotor = rotor or (1 if pushed < least else -1 if pushed > most else 0)
-        return self._loaded(y, mode._replace(screw=screw, rotor=rotor, slip=slip), around)
+        return self._with_load(y, mode._replace(screw=screw, rotor=rotor, slip=slip), around)
 
     def admit(self, y: State, mode: Mode, around: Surroundings) -> Any:
-        """Return the mode after the surroundings have jumped; the current of an opened bridge is 0."""
+        """Return the mode after a jump of the surroundings; see :meth:`.Driven.admit`."""
         return super().admit(y, self.coil.admit(y, mode, self.reference(around), around.supply), around)
 
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
@@ -200,36 +203,36 @@ class SeriesClutch(Driven):
                 *self.coil.events(mode, self.reference(around), around.supply), *super().events(mode, around)]
 
     def _rest_events(self, mode: Mode, around: Surroundings) -> list[Event]:
-        """Return the events that start a screw at rest, and its rotor where the clutch holds."""
+        """Return the events that start a resting screw, and its rotor if the clutch is locked."""
         if mode.slip:
             return [Event(lambda y: self._starts(y, around)[0] - mode.slip * self.coil.limit(y), {"screw": 1}),
                     Event(lambda y: mode.slip * self.coil.limit(y) - self._starts(y, around)[1], {"screw": -1})]
 
-        def left(low: int | None, high: int | None, screw: int, rotor: int, slip: int) -> Event:
+        def starting(low: int | None, high: int | None, screw: int, rotor: int, slip: int) -> Event:
             def margin(y: State) -> float:
                 bounds, limit = self._starts(y, around), self.coil.limit(y)
                 return (limit if high is None else bounds[high]) - (-limit if low is None else bounds[low])
 
             return Event(margin, {"screw": screw, "rotor": rotor, "slip": slip})
 
-        # All is at rest while there is a torque of the clutch, at most its limit (None), that keeps both at rest. What
-        # starts follows from which lower and upper bounds of it meet.
-        return [left(3, 0, 1, 1, 0), left(1, 2, -1, -1, 0), left(3, None, 0, 1, 1), left(1, None, -1, 0, 1),
-                left(None, 2, 0, -1, -1), left(None, 0, 1, 0, -1)]
+        # Both bodies rest while some clutch torque within its limit (None) keeps them at rest. The lower and the upper
+        # limit of this torque that meet first determine which bodies start.
+        return [starting(3, 0, 1, 1, 0), starting(1, 2, -1, -1, 0), starting(3, None, 0, 1, 1),
+                starting(1, None, -1, 0, 1), starting(None, 2, 0, -1, -1), starting(None, 0, 1, 0, -1)]
 
     def _slip_events(self, mode: Mode, around: Surroundings) -> list[Event]:
-        """Return the events that end the slip of the clutch, or the rest or the motion of its rotor."""
+        """Return the events that end the clutch's slip, and the rest or motion of its rotor."""
         meet = Event(lambda y: mode.slip * (y[ROTOR] - self.turning(y)),
                      {ROTOR: lambda y, _: self.turning(y), "rotor": mode.screw, "slip": 0})
         if not mode.rotor:
             return [meet,
                     Event(lambda y: self._starts(y, around)[2] - mode.slip * self.coil.limit(y), {"rotor": -1}),
                     Event(lambda y: mode.slip * self.coil.limit(y) - self._starts(y, around)[3], {"rotor": 1})]
-        # With a screw at rest the end of the slip is the same event.
+        # With a resting screw the rotor stops as the slip ends.
         return [meet, Event(lambda y: mode.rotor * y[ROTOR], {ROTOR: 0.0, "rotor": 0})] if mode.screw else [meet]
 
     def _moving_events(self, mode: Mode, around: Surroundings) -> list[Event]:
-        """Return the events of a screw that moves."""
+        """Return the events of a turning screw."""
         way = mode.screw
         halted: Changes = {RATE: 0.0, "screw": 0, **({} if mode.slip else {ROTOR: 0.0, "rotor": 0})}
         struck: Changes = {FIN: way * self.screw.stop, RATE: 0.0, "screw": 0, "rotor": lambda y, _: sign(y[ROTOR]),
@@ -238,8 +241,8 @@ class SeriesClutch(Driven):
                   Event(lambda y: mode.load * way * self._moved(y, mode, around)[2], {"load": -mode.load})]
         if mode.slip:
             return events
-        return [*events, Event(lambda y: self.coil.limit(y) - self._held(y, mode, around), {"slip": 1}),
-                Event(lambda y: self.coil.limit(y) + self._held(y, mode, around), {"slip": -1})]
+        return [*events, Event(lambda y: self.coil.limit(y) - self._locked_torque(y, mode, around), {"slip": 1}),
+                Event(lambda y: self.coil.limit(y) + self._locked_torque(y, mode, around), {"slip": -1})]
 
 
 simulate = SeriesClutch.simulate

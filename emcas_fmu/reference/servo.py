@@ -1,6 +1,6 @@
-"""The servo in time: motor and fin under friction, with play between them, integrated from event to event.
+"""Integration of the servo from event to event: motor and fin under friction, with play between them.
 
-The equations are those of docs/model/servo.md, written again.
+The equations of docs/model/servo.md are written again here.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ FIN, RATE, MOTOR, SPEED = range(4)
 
 
 class Mode(NamedTuple):
-    """Directions of motor and fin, 0 at rest; the side at which the gear is in contact, 0 within its play."""
+    """Directions of motor and fin, 0 at rest; side on which the gear is in contact, 0 within its play."""
 
     motor: int = 0
     fin: int = 0
@@ -41,50 +41,50 @@ class Servo(Actuator):
                        Body("fin", lambda y: y[RATE], self.excess_of_fin, {RATE: 0.0}, FIN, p["fin.stop_angle"]))
 
     def start(self) -> tuple[State, Mode]:
-        """Return the state at the start, and a mode that the first instant replaces."""
+        """Return the state at rest at the start angle, and its mode."""
         angle = self.p["fin.start_angle"]
         return [angle, 0.0, self.ratio * angle, 0.0], Mode()
 
     def controller(self, nominal: Servo) -> Sample:
-        """Return the firmware: PID on counts, with a dead band, and a duty cycle within its limit."""
+        """Return the firmware: PID on counts with a dead band, and a limited duty cycle [1]."""
         p = nominal.p
-        period, per_rad, most = p["controller.sample_time"], p["encoder.counts"] / (2.0 * math.pi), p["pwm.limit"]
+        period, per_rad, limit = p["controller.sample_time"], p["encoder.counts"] / (2.0 * math.pi), p["pwm.limit"]
 
         def counted(angle: float) -> float:
             return math.floor(angle * per_rad + 0.5) if p["encoder.enabled"] else angle * per_rad
 
-        before, integral = counted(p["fin.start_angle"]), 0.0
+        last, integral = counted(p["fin.start_angle"]), 0.0
 
         def sample(y: State, command: float, enable: bool) -> float:
-            nonlocal before, integral
+            nonlocal last, integral
             now = counted(y[FIN])
             error = counted(clip(command, p["command.limit"])) - now
             if abs(error) < p["controller.dead_band"]:
                 error = 0.0
-            wanted = p["controller.kp"] * error + integral - p["controller.kd"] * (now - before) / period
-            if abs(wanted) <= most or wanted * error <= 0.0:
+            demand = p["controller.kp"] * error + integral - p["controller.kd"] * (now - last) / period
+            if abs(demand) <= limit or demand * error <= 0.0:
                 integral += period * p["controller.ki"] * error
-            before, integral = now, integral * enable
-            return enable * clip(wanted, most) / p["pwm.full"]
+            last, integral = now, integral * enable
+            return enable * clip(demand, limit) / p["pwm.full"]
 
         return sample
 
     def surroundings(self, row: Mapping[str, float], reference: float) -> Surroundings:
-        """Return loads and duty cycle under a row of inputs and a delayed duty cycle [1]."""
+        """Return loads and supply from a row of inputs, with a delayed duty cycle [1] as reference."""
         return surroundings(self.p, row, reference, self.supply[0])
 
     def outputs(self, y: State, _around: Surroundings) -> State:
-        """Return the outputs."""
+        """Return fin angle [rad], fin rate [rad/s], motor angle [rad] and motor speed [rad/s]."""
         return y
 
     # Equations --------------------------------------------------------------------------------------------
 
     def windup(self, y: State) -> float:
-        """Return by how much [rad] the motor is ahead of the fin."""
+        """Return the angle [rad] by which the motor, over the ratio, leads the fin."""
         return y[MOTOR] / self.ratio - y[FIN]
 
     def driven(self, y: State, around: Surroundings) -> float:
-        """Return the motor's torque at the output [N.m]."""
+        """Return the motor's torque, referred to the output [N.m]."""
         if not around.enable:
             return 0.0
         p, duty = self.p, around.reference
@@ -102,7 +102,7 @@ class Servo(Actuator):
                 + p["gear.damping"] * (y[SPEED] / self.ratio - y[RATE]))
 
     def rubbing(self, y: State, contact: int, around: Surroundings) -> float:
-        """Return the dry friction of the gear at the output [N.m]."""
+        """Return the dry friction of the gear, referred to the output [N.m]."""
         p = self.p
         mean = (abs(self.driven(y, around)) + abs(self.transmitted(y, contact))) / 2.0
         share = p["friction.gear_load"] + p["friction.gear_load_rise"] * mean / p["motor.stall_torque"]
@@ -110,25 +110,25 @@ class Servo(Actuator):
         return (p["friction.gear"] + share * mean) * (1.0 + p["friction.stribeck_share"] * slow)
 
     def on_motor(self, y: State, contact: int, around: Surroundings) -> float:
-        """Return the torque on the motor at the output [N.m], without dry friction."""
+        """Return the torque on the motor without dry friction, referred to the output [N.m]."""
         return (self.driven(y, around) - self.transmitted(y, contact)
                 - self.p["friction.gear_viscous"] * y[SPEED] / self.ratio - self.rotor * around.faster[1] / self.ratio)
 
     def on_fin(self, y: State, contact: int, around: Surroundings) -> float:
-        """Return the torque on the fin [N.m], without dry friction."""
+        """Return the torque on the fin without dry friction [N.m]."""
         return (self.transmitted(y, contact) + hinge_moment(self.masses, self.inertia, y[FIN], around)
                 - self.hinge_viscous * y[RATE])
 
     def excess_of_motor(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
-        """Return the torque towards a side on the motor at rest beyond what friction holds [N.m]."""
+        """Return the torque [N.m] on the resting motor towards `side` beyond stiction, referred to the output."""
         return side * self.on_motor(y, mode.contact, around) - self.rubbing(y, mode.contact, around)
 
     def excess_of_fin(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
-        """Return the torque towards a side on the fin at rest beyond what friction holds [N.m]."""
+        """Return the torque [N.m] on the resting fin towards `side` beyond stiction."""
         return side * self.on_fin(y, mode.contact, around) - self.hinge_dry
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
-        """Return d/dt of the state, in SI per s, in a mode."""
+        """Return d/dt of the state [SI/s] in a mode."""
         motor = (self.on_motor(y, mode.contact, around) - mode.motor * self.rubbing(y, mode.contact, around)
                  ) / self.rotor * self.ratio
         fin = (self.on_fin(y, mode.contact, around) - mode.fin * self.hinge_dry) / self.inertia

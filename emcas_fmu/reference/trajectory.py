@@ -52,7 +52,8 @@ class Following(Controllers):
         self._feed_forward(now, rate, following, after)
         whole, share = math.floor(self.delay), self.delay % 1.0
         followed = clip((1.0 - share) * self.history[whole] + share * self.history[whole + 1], self.p["command.limit"])
-        self.loop_parameters.update(zip(_INTEGRALS, (0.0, 0.0) if 0.0 < self.lost < 0.5 else self.integral_gains, strict=True))
+        gains = (0.0, 0.0) if 0.0 < self.lost < 0.5 else self.integral_gains
+        self.loop_parameters.update(zip(_INTEGRALS, gains, strict=True))
         # An observed speed is half a sample newer than the mean rate that is fed forward.
         mean = (self._target(followed) - self.target) / self.period
         if self.observer:

@@ -1,8 +1,8 @@
-"""The worm-gear actuator in time: worm and wheel by the force between their flanks, under the same drive and loops.
+"""Integration of the worm-gear actuator: worm and wheel with the force between their flanks, same drive and loops.
 
 A normal force F on the flank and friction mu |F| against its sliding are resolved at the pitch cylinder into the axial
-force, which turns the wheel, and the tangential one, which brakes the worm. The accelerations of both bodies are in the
-ratio of the numbers of teeth and starts. Where F changes sign the integration restarts.
+force, which turns the wheel, and the tangential one, which brakes the worm. The ratio of the accelerations of both
+bodies is that of teeth to starts. The integration restarts where F changes sign.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from .events import Event, State, Value
 from .plant import Geared, Mode
 from .vehicle import Surroundings
 
-# kg.m2 N.m: a smaller load keeps the sign that an event gave it: 2e-9 N.m at the worm of a fin of 0.05 kg.m2.
+# kg.m2 N.m; below it the load keeps its sign from the last event. At the worm: 2e-9 N.m for a fin of 0.05 kg.m2.
 _KEPT = 1e-10
 
 
@@ -31,9 +31,9 @@ class WormPlant(Geared):
         self.friction = float(p["worm.friction"])
 
     def _levers(self, omega: float, along: int) -> tuple[float, float]:
-        """Return moment on the wheel and against the worm [N.m] of 1 N between the flanks, at a fin rate [rad/s].
+        """Return the moment on the wheel and the torque against the worm [N.m] per 1 N of normal force.
 
-        `along` is 1 where the force is on the side to which the worm turns, else -1.
+        `omega` [rad/s] is the fin rate. `along` is 1 if the force is on the side to which the worm turns, otherwise -1.
         """
         sine, cosine = math.sin(self.lead_angle), math.cos(self.lead_angle)
         sliding = abs(self.turns * omega) * self.worm_radius / cosine
@@ -43,7 +43,7 @@ class WormPlant(Geared):
                 self.worm_radius * (self.normal * sine + rub * cosine))
 
     def _torques(self, y: State, way: int, around: Surroundings) -> tuple[float, float]:
-        """Return torque on the worm and moment on the wheel [N.m] without the flanks', of motion along `way`."""
+        """Return torque on the worm and moment on the wheel [N.m] without flank forces, for motion along `way`."""
         delta, omega, current = y[:3]
         rotor = (self.p["inertia.motor"] + self.p["inertia.screw"]) * around.faster[0]
         worm = (self.motor_torque(current) - rotor - self.viscous[way] * self.turns * omega
@@ -52,7 +52,7 @@ class WormPlant(Geared):
         return worm, wheel
 
     def _pressing(self, worm: float, wheel: float) -> float:
-        """Return a value of the sign of the force between the flanks [kg.m2 N.m] under torques without it."""
+        """Return a value [kg.m2 N.m] with the sign of the flank force, from torques on worm and wheel without it."""
         return worm * self.fin_inertia - self.motor_inertia * self.turns * wheel
 
     def turning(self, y: State, mode: Mode, around: Surroundings) -> float:
@@ -66,13 +66,13 @@ class WormPlant(Geared):
         return (wheel + force * on_wheel) / self.fin_inertia
 
     def excess(self, y: State, _mode: Mode, around: Surroundings, side: int) -> float:
-        """Return torque [N.m] on a resting worm towards `side` beyond what friction holds."""
+        """Return the torque [N.m] on a resting worm towards `side` beyond stiction."""
         worm, wheel = self._torques(y, side, around)
         on_wheel, on_worm = self._levers(0.0, 1 if wheel * side < 0.0 else -1)
         return side * (worm + wheel / on_wheel * on_worm)
 
     def settled(self, y: State, mode: Mode, around: Surroundings) -> Mode:
-        """Return the mode in which the fin starts if nothing holds it, and flanks press as the load is."""
+        """Return the mode in which the fin starts if nothing holds it, with the flank that the load presses."""
         mode = super().settled(y, mode, around)
         pressing = self._pressing(*self._torques(y, mode.motion, around)) if mode.motion else 0.0
         if mode.flank and abs(pressing) <= _KEPT:
@@ -80,7 +80,7 @@ class WormPlant(Geared):
         return mode._replace(flank=1 if pressing > 0.0 else -1)
 
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
-        """Return the events that end a mode; at one the load changes its sign."""
+        """Return the events that end a mode, among them the reversal of the load."""
         reversal = Event(lambda y: mode.flank * self._pressing(*self._torques(y, mode.motion, around)),
                          {"flank": -mode.flank})
         return [*super().events(mode, around), *([reversal] if mode.motion else [])]

@@ -1,8 +1,8 @@
-"""The worm gear with an elastic mesh in time: worm and fin turn by themselves, coupled by the force between the flanks.
+"""Integration of the worm gear with an elastic mesh: worm and fin are two bodies, coupled by the flank force.
 
-The state is that of :mod:`.plant` for the worm, its angle and speed over the ratio, then angle [rad] and rate [rad/s]
-of the fin. `Mode.flank` is the side on which the flanks press, 0 in the gap between them; a mesh without a gap changes
-sides at once. Which side rubs, which body rests, and which one breaks away are decided at events.
+The state is that of :mod:`.plant` for the worm (angle and speed divided by the ratio), then angle [rad] and rate
+[rad/s] of the fin. `Mode.flank` is the side on which the flanks press, 0 in the gap; a mesh without a gap changes sides
+at once. Events change the side of contact, and stop and start the bodies.
 """
 
 from __future__ import annotations
@@ -17,24 +17,25 @@ from .plant import Mode
 from .vehicle import Surroundings
 from .worm_gear import WormPlant
 
-_LEFT = 1e-9  # N.m; less is rounding where flanks separate
-_REFUSED = ("motor.pole_pairs", "encoder.on_fin")
+_LEFT = 1e-9  # N.m; a smaller pressure is rounding where flanks separate
+_REFUSED = (  # parameters that must be 0
+    "motor.pole_pairs", "encoder.on_fin")
 
 
 class MeshPlant(WormPlant):
-    """Motor, drive and fin of the thesis's actuator, with worm and wheel of elastic flanks between them."""
+    """Motor, drive and fin of the thesis's actuator, with an elastic worm gear between them."""
 
     accuracy = WormPlant.accuracy._replace(scales=(1e-2, 1.0, 1.0, 1.0, 1e-2, 1.0))
 
     def __init__(self, parameters: Mapping[str, Value]):
         if refused := [name for name in _REFUSED if parameters[name]]:
-            raise ValueError(f"{refused[0]} must be 0: this reference does not follow it")
+            raise ValueError(f"{refused[0]} must be 0: this reference does not model it")
         super().__init__(parameters)
         p, square = self.p, self.wheel_radius**2
         about_hinge = sum(1.0 / k for part in ("fork", "shaft", "structure")
                           if (k := p[f"drive_line.{part}_stiffness"]))
         gap = p["drive_line.backlash"]
-        # Compliance [rad/(N.m)] and damping [N.m.s/rad] about the hinge of what is in series.
+        # Compliance [rad/(N.m)] and damping [N.m.s/rad] about the hinge of the elements in series.
         parts = [(p["drive_line.axial_compliance"] / square, p["drive_line.axial_damping"] * square),
                  (1.0 / (p["drive_line.contact_stiffness"] * square) if gap else 0.0,
                   p["drive_line.contact_damping"] * square),
@@ -47,7 +48,7 @@ class MeshPlant(WormPlant):
                        Body("fin", itemgetter(5), self._fin_excess, {5: 0.0}, 4, self.stop))
 
     def start(self) -> tuple[State, Mode]:
-        """Return the state at rest at the start angle, the tooth amid its gap, and its mode."""
+        """Return the state at rest at the start angle, with the tooth in the middle of its gap, and its mode."""
         state, mode = super().start()
         return [*state, state[0], 0.0], mode
 
@@ -66,48 +67,48 @@ class MeshPlant(WormPlant):
         return self.stiffness * self._penetration(y, side) + self.damping * side * (y[1] - y[5])
 
     def _moment(self, y: State, mode: Mode) -> float:
-        """Return moment [N.m] of the flanks on the wheel."""
+        """Return the moment [N.m] of the flanks on the wheel."""
         return mode.flank * self._pressure(y, mode.flank) if mode.flank else 0.0
 
     def _worm_torque(self, y: State, mode: Mode, around: Surroundings, way: int) -> float:
-        """Return torque [N.m] on a worm that slides along `way`."""
+        """Return the torque [N.m] on a worm that turns in the direction `way`."""
         moment = self._moment(y, mode)
         on_wheel, on_worm = self._levers(y[1], 1 if moment * way > 0.0 else -1)
         return self._torques([y[4], *y[1:3]], way, around)[0] - moment / on_wheel * on_worm
 
     def _fin_moment(self, y: State, mode: Mode, around: Surroundings, way: int) -> float:
-        """Return moment [N.m] on a fin that slides along `way`."""
+        """Return the moment [N.m] on a fin that turns in the direction `way`."""
         return self._moment(y, mode) + self._torques([y[4], y[5], 0.0], way, around)[1]
 
     def turning(self, y: State, mode: Mode, around: Surroundings) -> float:
-        """Return the acceleration of the worm over the ratio [rad/s2]."""
+        """Return the acceleration of the worm divided by the ratio [rad/s2]."""
         way = mode.motion
         return self._worm_torque(y, mode, around, way) / (self.motor_inertia * self.turns) if way else 0.0
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
-        """Return d/dt of the state, in SI per s, in `mode`."""
+        """Return d/dt of the state [SI/s] in a mode."""
         fin = self._fin_moment(y, mode, around, mode.fin) / self.fin_inertia if mode.fin else 0.0
         return *super().slope(y, mode, around), y[5], fin
 
     # Modes ------------------------------------------------------------------------------------------------
 
     def _worm_excess(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
-        """Return torque [N.m] on a resting worm towards `side` beyond what friction holds."""
+        """Return the torque [N.m] on a resting worm towards `side` beyond stiction."""
         return side * self._worm_torque(y, mode, around, side)
 
     def _fin_excess(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
-        """Return moment [N.m] on a resting fin towards `side` beyond what friction holds."""
+        """Return the moment [N.m] on a resting fin towards `side` beyond stiction."""
         return side * self._fin_moment(y, mode, around, side)
 
     def _met(self, y: State, side: int) -> float:
-        """Return a margin that is above 0 where flanks touch, or where a damped flank that has been left presses again.
+        """Return a margin [N.m] that is above 0 where the flanks on a side overlap and press on each other.
 
-        It begins below 0 where flanks are left, so that a return within the first step is seen.
+        It is below 0 when they have just separated, so that contact within the first step is detected.
         """
         return min(self.stiffness * self._penetration(y, side), self._pressure(y, side)) - _LEFT
 
     def settled(self, y: State, mode: Mode, around: Surroundings) -> Any:
-        """Return the mode in which every body that rests and is not held starts."""
+        """Return the mode in which each body at rest starts if nothing holds it."""
         if not self.half_gap and not mode.flank:
             mode = mode._replace(flank=1 if self._pressure(y, 1) >= 0.0 else -1)
         return Driven.settled(self, y, mode, around)
