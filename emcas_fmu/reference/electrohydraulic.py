@@ -96,7 +96,8 @@ class Electrohydraulic(Cylinder):
         """Return d/dt of the state [SI/s] in a mode."""
         rise_1, rise_2 = self.rises(y, around)
         return (y[RATE], self.turning(y, mode.fin, around), 0.0 if mode.void_1 else rise_1,
-                0.0 if mode.void_2 else rise_2, y[SPOOL_RATE], 0.0 if mode.spool else self.spool_acceleration(y, around))
+                0.0 if mode.void_2 else rise_2, y[SPOOL_RATE],
+                0.0 if mode.spool else self.spool_acceleration(y, around))
 
     # Modes ------------------------------------------------------------------------------------------------
 

@@ -21,7 +21,7 @@ SPEED, CURRENT, INTEGRAL = range(4, 7)
 
 
 class Mode(NamedTuple):
-    """Directions of fin and shaft, 0 at rest; mode of the drive; direction of flow through the relief valve, 0 if closed;
+    """Directions of fin and shaft, 0 at rest; mode of the drive; direction of the relief valve's flow, 0 if closed;
     True for an open check valve, and for a chamber with a void."""
 
     fin: int

@@ -18,8 +18,7 @@ from .vehicle import Surroundings
 from .worm_gear import WormPlant
 
 _LEFT = 1e-9  # N.m; a smaller pressure is rounding where flanks separate
-_REFUSED = (  # parameters that must be 0
-    "motor.pole_pairs", "encoder.on_fin")
+_REFUSED = ("motor.pole_pairs", "encoder.on_fin")  # parameters that must be 0
 
 
 class MeshPlant(WormPlant):
