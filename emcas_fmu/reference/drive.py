@@ -221,7 +221,7 @@ class Driven(Actuator):
             m = motor(y)
             return side * self.demand(m, around) - self.limit(m, around)
 
-        def reached(side: int) -> Changes:
+        def at_limit(side: int) -> Changes:
             return {"drive": lambda y, _: self._mode_on_limit(motor(y), around, side)}
 
         events, side = super().events(mode, around), 1 if mode.drive > 0 else -1
@@ -231,8 +231,8 @@ class Driven(Actuator):
         if mode.drive == OPEN:
             return [*events, *self._begin(around)]
         if mode.drive == FREE:
-            return [*events, Event(lambda y: -beyond(y, 1), reached(1)), Event(lambda y: -beyond(y, -1), reached(-1))]
+            return [*events, Event(lambda y: -beyond(y, 1), at_limit(1)), Event(lambda y: -beyond(y, -1), at_limit(-1))]
         if abs(mode.drive) == ON_LIMIT:
             return [*events, Event(lambda y: -self._held_slope(motor(y), around, side), {"drive": side}),
                     Event(lambda y: self._free_slope(motor(y), around, side), {"drive": FREE})]
-        return [*events, Event(lambda y: beyond(y, side), reached(side))]
+        return [*events, Event(lambda y: beyond(y, side), at_limit(side))]

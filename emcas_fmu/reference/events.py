@@ -138,13 +138,13 @@ def advance(actuator: Actuator, state: State, mode: Any, around: Any, start: flo
                         method="DOP853", events=events, rtol=rtol, atol=rtol * np.array(scales), max_step=max_step)
         if run.status < 0:
             raise ArithmeticError(f"integration failed after {time} s in {mode}: {run.message}")
-        state, reached = [float(x) for x in run.y[:, -1]], float(run.t[-1])
+        state, last_time = [float(x) for x in run.y[:, -1]], float(run.t[-1])
         if run.status == 1:  # all events are terminal, so exactly one has fired: the first
             fired = next(event for event, times in zip(events, run.t_events, strict=True) if times.size)
             mode = actuator.settled(state, fired.changed(state, mode, around), around)
-        stalls = 0 if reached > time else stalls + 1
+        stalls = 0 if last_time > time else stalls + 1
         if stalls > _MOST_STALLS:
             raise ArithmeticError(f"modes alternate at {time} s without progress, the last is {mode}; a mode must not "
                                   "end where it begins")
-        time = reached
+        time = last_time
     return state, mode

@@ -67,11 +67,12 @@ def simulator(model: str) -> Simulate:
     if isinstance(actuator.reference, str):
         module: Any = import_module(actuator.reference)
     elif not actuator.reference.is_file():
-        raise EmcasError(f"{actuator.source}: reference {actuator.reference}: there is no such file")
+        raise EmcasError(f"{actuator.source}: reference {actuator.reference}: there is no such file; "
+                         "correct its path")
     else:
         module = load_module(actuator.reference)
     if not callable(getattr(module, "simulate", None)):
-        raise EmcasError(f"{actuator.reference}: defines no function simulate(parameters, inputs)")
+        raise EmcasError(f"{actuator.reference}: defines no function simulate(parameters, inputs); add it")
     simulate: Simulate = module.simulate
     return simulate
 

@@ -115,12 +115,12 @@ class SeriesClutch(Driven):
         else:
             torque += self._rotor(y, way, around)
             inertia += self.rotor_inertia
-        felt = (self.forward if mode.load > 0 else self.backward) / ratio
-        behind, moment = self._fin(y, way, around)
+        load_ratio = (self.forward if mode.load > 0 else self.backward) / ratio
+        fin_inertia, moment = self._fin(y, way, around)
         bent = ratio * self.screw.bend(y[FIN]) * y[RATE] ** 2
-        rate = (torque - inertia * bent - felt * moment) / (inertia * ratio + felt * behind)
+        rate = (torque - inertia * bent - load_ratio * moment) / (inertia * ratio + load_ratio * fin_inertia)
         faster = self._slipping_rotor(y, mode, around) if mode.slip else ratio * rate + bent
-        return rate, faster, behind * rate + moment
+        return rate, faster, fin_inertia * rate + moment
 
     def _slipping_rotor(self, y: State, mode: Mode, around: Surroundings) -> float:
         """Return the acceleration [rad/s2] of the rotor while its clutch slips."""
@@ -161,9 +161,9 @@ class SeriesClutch(Driven):
         bounds = []
         for way in (1, -1):
             _, moment = self._fin(y, way, around)
-            felt = self.forward if way * moment > 0.0 else self.backward
+            factor = self.forward if way * moment > 0.0 else self.backward
             bounds.append(math.inf * way if way * y[FIN] >= self.screw.stop else
-                          felt * moment / self.screw.ratio(y[FIN]) - self._screw(y, way, around))
+                          factor * moment / self.screw.ratio(y[FIN]) - self._screw(y, way, around))
         return bounds[0], bounds[1], self._rotor(y, -1, around), self._rotor(y, 1, around)
 
     def _with_load(self, y: State, mode: Mode, around: Surroundings) -> Mode:
@@ -178,18 +178,18 @@ class SeriesClutch(Driven):
         limit = self.coil.limit(y)
         if slip == 0:
             way = screw or (1 if least > up else -1 if most < down else 0)
-            joined = self._with_load(y, mode._replace(screw=way, rotor=way), around)
+            locked_mode = self._with_load(y, mode._replace(screw=way, rotor=way), around)
             if way:
-                torque = self._locked_torque(y, joined, around)
+                torque = self._locked_torque(y, locked_mode, around)
             else:
                 low, high = max(least, down), min(most, up)
                 torque = low if low > 0.0 else min(high, 0.0)
             if abs(torque) <= limit:
-                return joined
+                return locked_mode
             slip = sign(torque)
-        pushed = slip * limit
-        screw = screw or (1 if pushed > up else -1 if pushed < down else 0)
-        rotor = rotor or (1 if pushed < least else -1 if pushed > most else 0)
+        clutch_torque = slip * limit
+        screw = screw or (1 if clutch_torque > up else -1 if clutch_torque < down else 0)
+        rotor = rotor or (1 if clutch_torque < least else -1 if clutch_torque > most else 0)
         return self._with_load(y, mode._replace(screw=screw, rotor=rotor, slip=slip), around)
 
     def admit(self, y: State, mode: Mode, around: Surroundings) -> Any:
