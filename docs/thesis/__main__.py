@@ -1,4 +1,4 @@
-"""`python -m docs.thesis`: reproduce the thesis figure by figure and table by table."""
+"""`python -m docs.thesis`: reproduce figures and tables of the thesis."""
 
 from __future__ import annotations
 
@@ -20,20 +20,19 @@ app = typer.Typer(add_completion=False, rich_markup_mode="rich")
 
 
 class Program(TyperCommand):
-    """A program with the manners of `emcas`: what it prints, how its help looks, what its page says of how it was made.
-    """
+    """A program with the output, the help and the provenance in its page of an `emcas` command."""
 
     def __init__(self, *args: Any, **named: Any) -> None:
         super().__init__(*args, **named)
         readable(self)
 
     def main(self, *args: Any, **named: Any) -> Any:
-        """Run it, and end with a line where what it prints cannot be written."""
+        """Run the program; end with a one-line message if its output cannot be written."""
         with printing():
             return super().main(*args, **named)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Keep the arguments as they were given, for as long as it runs."""
+        """Parse the arguments, and store them for the provenance in the page."""
         check_environment()
         from emcas_fmu.pages.provenance import made_by
 
@@ -45,16 +44,15 @@ class Program(TyperCommand):
 def thesis(
     parameters: common.ParametersOption = None,
     output: Annotated[Path | None, common.page_option(
-        "--output", "-o", what="Page to write. Default: thesis.html, with --only none.")] = None,
+        "--output", "-o", what="Page to write. Default: thesis.html; with --only no page.")] = None,
     only: Annotated[list[str] | None, typer.Option(help="Only this entry: a figure by its number, a table as in "
-                                                        "\"Table 4\" (may be given several times).",
+                                                        "\"Table 4\". Repeatable.",
                                                    metavar="ENTRY")] = None,
     as_json: common.JsonOption = None,
 ) -> None:
-    """Go through the thesis's lists of figures and tables: what meets the thesis, what has own values, and why not.
+    """Show each entry of the thesis's lists of figures and tables: reproduced, with this set's values, or why not.
 
-    The whole takes about twenty seconds of processor time. Exit code 1: an entry could not be carried out with these
-    parameters.
+    All entries take about 24 s of processor time. Exit code 1: an entry failed with these parameters.
     """
     from .entries import find
     from .output import summary, write_json, write_page

@@ -1,4 +1,4 @@
-"""What an entry of the thesis's lists is here: what it shows and meets of the thesis, or why it shows nothing."""
+"""An entry of the thesis's lists: its content and what it reproduces of the thesis, or the reason why it is not shown."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ if TYPE_CHECKING:
 DRAWING = "drawing"
 PHOTOGRAPH = "photograph"
 UNSEEN = "drawing or photograph"
-"""Of a picture of things whose title does not tell which it is; the text that is kept has no pictures."""
+"""Reason for a picture whose title does not tell which of both it is; the preserved text has no pictures."""
 SCREENSHOT = "screen of a program"
 HARDWARE = "list of hardware"
 TEST_DATA = "test data, not published"
 REASONS = {DRAWING: "drawings", PHOTOGRAPH: "photographs", UNSEEN: "drawings or photographs",
            SCREENSHOT: "screens of a program", HARDWARE: "lists of hardware", TEST_DATA: "of test data, not published"}
-"""Why an entry is not shown, with the words for several of its kind."""
+"""The reasons why an entry is not shown, with their plurals."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells (words, numbers, yes or no, nothing) under columns, which end in their unit in brackets."""
+    """Rows of cells (text, number, Boolean or None); the name of a column ends with its unit in brackets."""
 
     columns: tuple[str, ...]
     rows: Sequence[tuple[Any, ...]]
@@ -37,10 +37,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Shown:
-    """What an entry shows: a figure with its caption, a table, or both.
+    """The content of an entry: a figure with its caption, a table, or both.
 
-    `conditions` are temperature, command and load in a line; `unknown` is what the thesis's text does not say of its
-    test, with what is assumed instead.
+    `conditions` are temperature, command and load in a line; `unknown` lists what the thesis's text does not state
+    about its test, with the assumptions made instead.
     """
 
     conditions: str
@@ -51,17 +51,17 @@ class Shown:
 
 
 Show = Callable[["Runs"], Shown]
-"""What makes an entry of runs."""
+"""A function that returns the content of an entry from runs."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry: ``Figure`` or ``Table``, its number, a title in words of this package.
+    """An entry: ``Figure`` or ``Table``, its number, and a title in words of this package.
 
-    `show` makes what it shows; of one that is not shown `reason` is one of REASONS, and `note` says where its content
-    is to be found here, if anywhere. `met` are the numbers or the curve of the thesis that what is shown has to meet,
-    and meets; an entry without shows the set's own values. `structure`: the thesis draws a block diagram or structure
-    there, and what that does is shown instead.
+    `show` returns its content. If it is not shown, `reason` is one of REASONS, and `note` names the place in this
+    package that has the content, if any. `met` names the numbers or the curve of the thesis that the content
+    reproduces; without it, the values are those of the parameter set. `structure`: the thesis has a block diagram or
+    structure, and the entry shows how this behaves.
     """
 
     kind: str
@@ -80,10 +80,10 @@ class Entry:
 
     @property
     def anchor(self) -> str:
-        """The name as the id of a heading."""
+        """The name as an id in HTML."""
         return self.name.lower().replace(" ", "-").replace(".", "-")
 
     @property
     def chapter(self) -> str:
-        """The chapter of a figure; empty for a table, which is numbered through."""
+        """The chapter of a figure; empty for a table, as tables are numbered without chapters."""
         return self.number.partition(".")[0] if self.kind == "Figure" else ""

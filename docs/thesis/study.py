@@ -1,4 +1,4 @@
-"""The whole of it: every chosen entry shown, one after the other."""
+"""The run of the program: the selected entries are made one after the other."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from .entry import REASONS, Entry, Shown
 from .runs import Runs
 
 REPRODUCED, NOT_FINISHED = "reproduced", "not finished"
-OWN = "own values"
-"""Of what has the thesis's subject and the set's own values: the thesis's are lost, or were never published."""
+OWN = "with this set's values"
+"""Status of an entry with the thesis's subject and this set's values: the thesis's are lost, or were never published."""
 SIMULATED = "shown by simulation"
-"""Of what the thesis draws as a structure only: nothing of it is there to be reproduced."""
+"""Status of an entry for which the thesis has only a structure, without numbers or curves to reproduce."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """An entry with what it shows and its picture; `stopped` says why one could not be carried out."""
+    """An entry with its content and picture; `stopped` is the reason why it failed, empty if it did not."""
 
     entry: Entry
     shown: Shown | None = None
@@ -33,26 +33,26 @@ class Outcome:
 
     @property
     def status(self) -> str:
-        """REPRODUCED where the thesis's own is met, SIMULATED, OWN, NOT_FINISHED, or the reason why it is not shown."""
+        """REPRODUCED, SIMULATED, OWN or NOT_FINISHED; or the reason why the entry is not shown."""
         shown = REPRODUCED if self.entry.met else SIMULATED if self.entry.structure else OWN
         return self.entry.reason or (NOT_FINISHED if self.stopped else shown)
 
 
 @dataclass(frozen=True)
 class Result:
-    """The outcomes of the entries chosen, in the order of the lists, and the parameter set they are of."""
+    """The outcomes of the selected entries, in the order of the lists, and their parameter set."""
 
     about: Identification
     outcomes: tuple[Outcome, ...]
 
     @property
     def stopped(self) -> list[Outcome]:
-        """Those that could not be carried out."""
+        """The outcomes of entries that failed."""
         return [outcome for outcome in self.outcomes if outcome.stopped]
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many have each status, those reproduced first, then those shown, the reasons last."""
+        """The number of outcomes with each status: reproduced ones first, then the others shown, the reasons last."""
         each = [outcome.status for outcome in self.outcomes]
         order = (REPRODUCED, OWN, SIMULATED, NOT_FINISHED, *each)
         return {status: each.count(status) for status in dict.fromkeys(order) if status in each}
@@ -69,9 +69,9 @@ class Result:
 
 
 def carry_out(runs: Runs, entries: Sequence[Entry], progress: Progress = silent) -> Result:
-    """Show entries. `progress` is called with the entry's name, how many are done and how many there are.
+    """Return the outcomes of entries. `progress` gets an entry's name, the number done and the number of all entries.
 
-    An entry that these parameters do not allow is an outcome, with the reason; the others are shown all the same.
+    If an entry fails with these parameters, its outcome has the reason, and the other entries are still made.
     """
     outcomes = []
     with style(), np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain: nan
