@@ -1,1 +1,1 @@
-"""The thesis, figure by figure: a program of the documentation, `python -m docs.thesis`."""
+"""A program of the documentation, `python -m docs.thesis`: the thesis, figure by figure."""

@@ -1,4 +1,4 @@
-"""Tables of the thesis that list parts of the unit: their numbers in the parameter set, with where these are from."""
+"""Tables of the thesis that list parts of the actuator, with the numbers of the parameter set and their sources."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from .rigs import rig_entries
 from .runs import Runs
 
 COLUMNS = ("", "value", "source", "note")
-LOST = "the thesis's numbers, but for those marked thesis."
+LOST = "the thesis's numbers, except those with the source thesis."
 
 
 def parameters(*prefixes: str, unknown: str = LOST) -> Show:
-    """Return what shows the entries of the parameter set whose names begin so."""
+    """Return a function that shows the entries of the parameter set whose names begin with one of the prefixes."""
     def show(runs: Runs) -> Shown:
         return Shown("the parameter set", table=Table(COLUMNS, rows_of(runs, *prefixes)), unknown=unknown)
 
@@ -19,13 +19,13 @@ def parameters(*prefixes: str, unknown: str = LOST) -> Show:
 
 
 def rows_of(runs: Runs, *prefixes: str) -> list[tuple[str, ...]]:
-    """Return a row of COLUMNS for each entry of the parameter set whose name begins so."""
+    """Return a row of COLUMNS for each entry of the parameter set whose name begins with one of the prefixes."""
     return [(e.variable.name, e.text, e.source, e.note) for e in runs.parameters.entries
             if e.variable.name.startswith(prefixes)]
 
 
 def rig(name: str) -> Show:
-    """Return what shows the numbers of a rig."""
+    """Return a function that shows the numbers of a rig."""
     def show(_: Runs) -> Shown:
         rows = tuple((key, f"{entry.value:g} {entry.unit}".removesuffix(" 1"), entry.source, entry.note)
                      for key, entry in rig_entries(name).items())

@@ -1,5 +1,5 @@
-"""What chapter 1 shows beside the thesis's own actuator: models of other authors (Figures 1.4 to 1.6), other kinds of
-actuation (Figures 1.7 to 1.12)."""
+"""Other actuators in chapter 1 of the thesis: models of other authors (Figures 1.4 to 1.6), other kinds of actuation
+(Figures 1.7 to 1.12)."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from .runs import Runs
 _THESIS = "nonlinear actuator"
 _FIGURES = {"rise_time_s": "rise 10-90 % [s]", "settling_time_s": "settling 2 % [s]",
             "overshoot_percent": "overshoot [%]", "sustained_rate_deg_per_s": "mean rate [deg/s]"}
-_OF_AUTHOR = ("The structure of {}'s model with the motor, screw and fin of this unit, as far as it has them.",
-              "any number of it: the thesis shows a block diagram. docs/model/models.md says what each model leaves "
-              "out.")
+_OF_AUTHOR = ("The structure of {}'s model, with the motor, screw and fin of this actuator as far as the model has them.",
+              "all numbers: the thesis shows only a block diagram. docs/model/models.md lists the effects that each "
+              "model leaves out.")
 _OF_KIND = ("An actuator with {}, sized for the same task; all its numbers are estimates.",
-            "any number of it: the thesis describes this kind in words. docs/model/comparison.md has all kinds in "
+            "all numbers: the thesis describes this kind only in words. docs/model/comparison.md compares all kinds in "
             "figures.")
 
 
 def author(model: str, name: str) -> Show:
-    """Return what shows a step of an author's model beside one of the nonlinear actuator."""
+    """Return a function that shows a step of an author's model and one of the nonlinear actuator."""
     return _beside({name: model}, _OF_AUTHOR[0].format(name), _OF_AUTHOR[1])
 
 
 def kind(name: str, *models: str) -> Show:
-    """Return what shows a step of another kind of actuation, in all its forms, beside one of the nonlinear actuator."""
+    """Return a function that shows a step of each of the `models` of a kind and one of the nonlinear actuator."""
     return _beside({model: model for model in models}, _OF_KIND[0].format(name), _OF_KIND[1])
 
 
 def circuit(model: str, further: Sequence[tuple[str, str, float]]) -> Show:
-    """Return what shows a hydraulic actuator at work: pressures, and `further` outputs with label and factor."""
+    """Return a function that shows pressures and `further` outputs (name, label, factor) of a hydraulic actuator."""
     def show(runs: Runs) -> Shown:
         (size,) = runs.levels(10.0)
         run = runs.of(model).run(step_to(radians(size), 0.5).holding({LOAD: -RATED}))
@@ -49,8 +49,8 @@ def circuit(model: str, further: Sequence[tuple[str, str, float]]) -> Show:
         return Shown(runs.conditions(f"step to {size:g}°", f"{RATED:g} N·m against it"), panels([
             Panel("pressure / MPa", [curve(name, 1e-6) for name in ("pressure_1", "pressure_2")]),
             *(Panel(label, [curve(output, factor)]) for output, label, factor in further)], "time [s]", (0.0, 0.35)),
-            "What the circuit does that the thesis draws; all its numbers are estimates.",
-            unknown="any number of it: the thesis describes it in words.")
+            "The behaviour of the circuit that the thesis describes; all its numbers are estimates.",
+            unknown="all numbers: the thesis describes the circuit only in words.")
 
     return show
 

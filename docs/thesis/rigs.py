@@ -1,7 +1,7 @@
-"""What the two rigs share: their numbers in rigs.toml.
+"""Numbers of the two test rigs, from rigs.toml.
 
-Both rigs act on the product's own actuator through its hinge moment: a torque T on the screw is the moment R T about
-the hinge, by virtual work.
+Both rigs act on the actuator through its hinge moment: a torque T on the screw is the moment R T about the hinge, by
+virtual work.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Columns = Mapping[str, Array]
 
 
 class RigEntry(NamedTuple):
-    """A number of a rig: its value in `unit`, which is SI, where it is from and why."""
+    """A number of a rig: its value in `unit` (SI), its source, and a note with the reason."""
 
     value: float
     unit: str
@@ -36,5 +36,5 @@ def rig_entries(rig: str) -> Mapping[str, RigEntry]:
 
 
 def rig_values(rig: str) -> Any:
-    """Return the numbers of a rig as attributes, SI."""
+    """Return the numbers of a rig [SI] as attributes."""
     return SimpleNamespace(**{name: entry.value for name, entry in rig_entries(rig).items()})
