@@ -1,6 +1,4 @@
-"""The registry: the thesis's list of figures and its list of tables, in their order, a line for each entry.
-
-Titles are in words of this package.
+"""The entries of the thesis's list of figures and list of tables, in their order, with titles in words of this package.
 """
 
 from __future__ import annotations
@@ -18,7 +16,7 @@ from .runs import COLD, WARM
 
 def _entry(kind: str, number: str, title: str, what: Show | str, note: str = "", structure: bool = False,
            met: str = "") -> Entry:
-    """Return an entry; `what` shows it, or is the reason why it is not reproduced; of a `structure`, what that does."""
+    """Return an entry; `what` is the function that returns its content, or the reason why it is not shown."""
     if isinstance(what, str):
         assert what in REASONS
         return Entry(kind, number, title, reason=what, note=note)
@@ -65,16 +63,16 @@ FIGURES = (
     _figure("3.2", "Motor torque over speed", drive.torque_speed),
     _figure("3.3", "The servo drive", PHOTOGRAPH),
     _figure("3.4", "Motor current over the drive's reference", drive.current_gain,
-            met="8.19 A/V and -0.015 A, of the current asked for"),
+            met="8.19 A/V and -0.015 A, for the reference current"),
     _figure("3.5", "Block diagram of the current loop", DRAWING, "Its equations: emcas_fmu/physics/drive.py."),
     _figure("3.6", "Step of the current loop", drive.current_loop),
     _figure("3.7", "The real-time computer", PHOTOGRAPH),
-    _figure("3.8", "The encoder", PHOTOGRAPH, "What it reads: Figure 5.15."),
-    _figure("3.9", "Where the fin stands at zero", DRAWING, "In numbers: Table 7."),
-    _figure("3.10", "Where the fin shaft stands at zero", DRAWING, "In numbers: Table 8."),
-    _figure("3.11", "Where the fork stands at zero", DRAWING, "In numbers: Table 9."),
-    _figure("3.12", "Where screw and nut stand at zero", DRAWING, "In numbers: Table 10."),
-    _figure("3.13", "Friction measurement test setup", UNSEEN, "As it is simulated: Table 12."),
+    _figure("3.8", "The encoder", PHOTOGRAPH, "Its reading: Figure 5.15."),
+    _figure("3.9", "Zero position of the fin", DRAWING, "In numbers: Table 7."),
+    _figure("3.10", "Zero position of the fin shaft", DRAWING, "In numbers: Table 8."),
+    _figure("3.11", "Zero position of the fork", DRAWING, "In numbers: Table 9."),
+    _figure("3.12", "Zero position of screw and nut", DRAWING, "In numbers: Table 10."),
+    _figure("3.13", "Friction measurement test setup", UNSEEN, "The simulated setup: Table 12."),
     _figure("3.14", "Rig's motor at 50 rpm, 24 °C", _sweep(50, WARM)),
     _figure("3.15", "Rig's motor at 500 rpm, 24 °C", _sweep(500, WARM)),
     _figure("3.16", "Rig's motor at 1000 rpm, 24 °C", _sweep(1000, WARM)),
@@ -88,7 +86,7 @@ FIGURES = (
     _figure("3.24", "Friction over motor speed, 24 °C", _of(friction.against_speed, WARM)),
     _figure("3.25", "Friction over motor speed, -6 °C", _of(friction.against_speed, COLD)),
     _figure("3.26", "Friction over motor speed at both temperatures", _of(friction.against_speed, WARM, COLD)),
-    _figure("3.27", "Viscous friction by a straight line", friction.viscous_fit),
+    _figure("3.27", "Viscous friction from a straight line", friction.viscous_fit),
     _figure("3.28", "Rig's motor at 25 rpm with its position, 24 °C", _sweep(friction.SLOW, WARM)),
     _figure("3.29", "Coulomb friction over the fin angle, 24 °C", _of(friction.against_angle, WARM)),
     _figure("3.30", "Rig's motor at 25 rpm with its position, -6 °C", _sweep(friction.SLOW, COLD)),
@@ -97,16 +95,16 @@ FIGURES = (
     _figure("3.33", "Polynomial of Coulomb friction, positive direction", _of(friction.curve_fit, 1)),
     _figure("3.34", "Polynomial of Coulomb friction, negative direction", _of(friction.curve_fit, -1)),
     _figure("3.35", "Polynomials of both directions", _of(friction.curve_fit, 1, -1)),
-    _figure("3.36", "Where the encoders sit to measure backlash", DRAWING),
-    _figure("3.37", "Fin angle by two encoders", kinematics.two_encoders),
+    _figure("3.36", "Encoders for the measurement of backlash", DRAWING),
+    _figure("3.37", "Fin angle from two encoders", kinematics.two_encoders),
     _figure("3.38", "Backlash", kinematics.backlash),
-    _figure("3.39", "Design of the loading test setup", DRAWING, "As it is simulated: Figure 5.17, Table 16."),
+    _figure("3.39", "Design of the loading test setup", DRAWING, "The simulated setup: Figure 5.17, Table 16."),
     _figure("3.40", "The actuator on the loading test setup", PHOTOGRAPH),
     _figure("4.1", "The linear model", loops.linear_model),
     _figure("4.2", "Anti-windup on and off", loops.antiwindup, structure=True),
-    _figure("4.3", "Entering requirements for a response", SCREENSHOT, "What is asked here: Table 17."),
+    _figure("4.3", "Entering requirements for a response", SCREENSHOT, "The requirements here: Table 17."),
     _figure("4.4", "A search for gains", loops.search),
-    _figure("5.1", "Block diagram of the nonlinear model, whole", DRAWING, "See Figure 2.7."),
+    _figure("5.1", "Block diagram of the whole nonlinear model", DRAWING, "See Figure 2.7."),
     _figure("5.2", "Block diagram of the controllers", DRAWING, "Their equations: emcas_fmu/control/controllers.py."),
     _figure("5.3", "Block diagram of motor and drive", DRAWING, "Their equations: emcas_fmu/physics/drive.py."),
     _figure("5.4", "Block diagram of the screw", DRAWING, "Its equations: emcas_fmu/physics/mechanics.py."),
@@ -124,23 +122,23 @@ FIGURES = (
     _figure("5.16", "Friction compensation on and off", loops.compensation, structure=True),
     _figure("5.17", "The torque loop of the loading test setup", loading.torque_loop),
     _figure("5.18", "Steps without load", performance.steps),
-    _figure("5.19", "Step test, simulation less test", TEST_DATA),
+    _figure("5.19", "Step test, difference of simulation and test", TEST_DATA),
     _figure("5.20", "Fin rate of steps without load", performance.step_rate),
     _figure("5.21", "Command of the modified square wave", performance.square_command),
     _figure("5.22", "Response to the modified square wave", performance.square),
     _figure("5.23", "Sine sweep", performance.sweep()),
-    _figure("5.24", "Sine sweep, closely", performance.sweep(6.5, 7.5)),
-    _figure("5.25", "Sine sweep, simulation less test", TEST_DATA),
+    _figure("5.24", "Sine sweep, enlarged", performance.sweep(6.5, 7.5)),
+    _figure("5.25", "Sine sweep, difference of simulation and test", TEST_DATA),
     _figure("5.26", "Frequency response", performance.bode),
     _figure("5.27", "Fin angle and command of the loaded test", loading.commanded),
-    _figure("5.28", "Moment applied in the loaded test", loading.applied),
+    _figure("5.28", "Applied moment in the loaded test", loading.applied),
     _figure("5.29", "Results of the loaded test", loading.results),
-    _figure("5.30", "Results of the loaded test, closely", loading.zoomed),
+    _figure("5.30", "Results of the loaded test, enlarged", loading.zoomed),
 )
 TABLES = (
     _table("1", "Natural frequencies of the rod", kinematics.natural_frequencies,
-           met="42 to 139 times the bandwidth, as rad/s over Hz"),
-    _table("2", "Performance asked for", performance.required, met="its limits, which this set is judged by"),
+           met="42 to 139 times the bandwidth, rad/s divided by Hz"),
+    _table("2", "Required performance", performance.required, met="its limits, by which this set is judged"),
     _table("3", "Motor", drive.motor),
     _table("4", "Units of the drive's gains", drive.conversion, met="0.208 and 0.018"),
     _table("5", "Servo drive", listings.parameters(*drive.GAINS, unknown="in which units the gains are (Figure 3.6)."),
@@ -150,24 +148,24 @@ TABLES = (
     _table("8", "Fin shaft", listings.parameters("inertia.shaft", "mass.shaft", "center_of_mass.shaft")),
     _table("9", "Fork", listings.parameters("inertia.fork", "mass.fork", "center_of_mass.fork")),
     _table("10", "Screw and nut", listings.parameters("screw.", "inertia.screw", "mass.nut")),
-    _table("11", "Parts of the friction measurement test setup", HARDWARE, "As it is simulated: Table 12."),
+    _table("11", "Parts of the friction measurement test setup", HARDWARE, "The simulated setup: Table 12."),
     _table("12", "Motor of the friction measurement test setup", listings.rig("friction_motor")),
-    _table("13", "What temperature does to friction", friction.temperatures),
+    _table("13", "Effect of temperature on friction", friction.temperatures),
     _table("14", "Friction at 24 °C", friction.summary),
     _table("15", "Coefficients of the polynomials", friction.coefficients),
     _table("16", "Loading test setup", listings.rig("loading")),
-    _table("17", "What is asked of the position controller", loops.requirements),
-    _table("18", "What is optimised", loops.tunables),
-    _table("19", "Gains found", loops.optimised),
-    _table("20", "Performance realised", performance.realised),
+    _table("17", "Requirements of the position controller", loops.requirements),
+    _table("18", "Optimised parameters", loops.tunables),
+    _table("19", "Gains of this set", loops.optimised),
+    _table("20", "Realised performance", performance.realised),
 )
 ENTRIES = (*FIGURES, *TABLES)
 
 
 def find(names: Iterable[str]) -> tuple[Entry, ...]:
-    """Return entries by name in the order of the lists: ``5.18``, ``Figure 5.18``, ``Table 4``; all if none is given.
+    """Return entries by names such as ``5.18``, ``Figure 5.18``, ``Table 4``, in the order of the lists; all without names.
 
-    Raises EmcasError for a name that is none.
+    Raises EmcasError for an unknown name.
     """
     known = {_key(entry.name): entry for entry in ENTRIES}
     chosen = set()
@@ -177,8 +175,8 @@ def find(names: Iterable[str]) -> tuple[Entry, ...]:
             table = _key(f"Table {name}")
             near = f"; did you mean Table {name}?" if table in known else hint(
                 name, [entry.name if name[:1].isalpha() else entry.number for entry in ENTRIES])
-            raise EmcasError(f"--only {name}: the thesis's lists have no such entry; figures go by number, as in 5.18, "
-                             f"tables as in \"Table 4\"{near}")
+            raise EmcasError(f"--only {name}: the thesis's lists have no such entry; name a figure by its number, as in "
+                             f"5.18, a table as in \"Table 4\"{near}")
         chosen.add(key)
     return tuple(entry for key, entry in known.items() if key in chosen or not chosen)
 

@@ -1,4 +1,4 @@
-"""The thesis figure by figure as one page, as JSON, and on the terminal."""
+"""Output of the program: page, JSON and terminal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .entry import REASONS, Table
 from .study import Outcome, Result
 
 SCHEMA = "emcas-thesis/2"
-"""Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
+"""Name and version of the JSON layout; the number changes if a field changes its meaning or is removed."""
 _CHAPTERS = {"1": "Introduction", "2": "Dynamic modelling", "3": "Identification of the parameters",
              "4": "Linear model and controllers", "5": "Simulation and tests"}
 
@@ -44,17 +44,17 @@ def _entry(outcome: Outcome) -> dict[str, Any]:
 
 
 def write_json(result: Result, path: Path) -> None:
-    """Write every entry with its status and numbers."""
+    """Write every entry with its status and numbers as JSON."""
     writers.write_json(as_dict(result), path)
 
 
 def numeric(table: Table) -> list[bool]:
-    """Return of each column whether it holds numbers."""
+    """Return, for each column, whether it has numbers."""
     return [any(isinstance(row[i], float) for row in table.rows) for i in range(len(table.columns))]
 
 
 def cell(value: Any) -> str:
-    """Return a cell for people."""
+    """Return a cell as text."""
     return value if isinstance(value, str) else numbers.number(value)
 
 
@@ -69,7 +69,7 @@ def write_page(result: Result, path: Path) -> None:
 
 
 def summary(result: Result, whole: bool) -> Iterator[RenderableType]:
-    """Give the counts of a `whole` run, or each entry with its numbers; then what was not finished."""
+    """Yield the counts of a `whole` run, or each entry with its numbers; then the entries that failed."""
     if whole:
         yield table(["entries of the thesis's lists", ">"], (
             [f"not shown: {status}" if status in REASONS else status, str(count)]
