@@ -17,28 +17,28 @@ from .listings import COLUMNS, LOST, rows_of
 from .pictures import DOTS, Line, Panel, panels
 from .runs import Runs
 
-SHORT = 10.0  # s, of the short-term torque
-# Table 4: what a number of the drive's own software is in V/A and V/(A.s).
+SHORT = 10.0  # s, duration of the short-term torque
+# Table 4: one unit of the drive's software in V/A and V/(A.s).
 CONVERSION = {"drive.kp": 0.208, "drive.ki": 0.018}
 GAINS = ("drive.current_gain", "drive.current_offset", "drive.transport_delay", "drive.kp", "drive.ki")
-_HELD = "set's values · command: analogue reference {} · rotor held"
+_HELD = "this set's values · command: analogue reference {} · rotor held"
 
 
 def torque_speed(runs: Runs) -> Shown:
-    """Show the motor's torque over speed, for any time and for a while (Figure 3.2)."""
+    """Show the motor's continuous and short-term torque over speed (Figure 3.2)."""
     capability = envelope.envelope(runs.parameters_of("nonlinear+heat"), SHORT)
     rows = tuple((label, curve.current, envelope.CAUSES[curve.bound_by], float(curve.torque[0]),
                   curve.corner_speed * 30.0 / pi)
-                 for label, curve in zip(("for any time", f"for {SHORT:g} s"), capability.curves.values(), strict=True))
+                 for label, curve in zip(("continuous", f"for {SHORT:g} s"), capability.curves.values(), strict=True))
     return Shown(f"{runs.values['friction.temperature']:g} °C · from cold · supply as set", envelope.draw(capability),
                  "The largest torque in steady motion that heat, the drive's current and the supply allow.",
                  Table(("", "current [A]", "limited by", "torque at standstill [N.m]", "voltage limits from [rpm]"),
                        rows),
-                 "the curves' values, and how long short-term is; 10 s is an estimate, and so is the motor's heat.")
+                 "the curves' values and the duration of short-term torque; 10 s and the motor's heat are estimates.")
 
 
 def motor(runs: Runs) -> Shown:
-    """Show the motor's data, and what follows from them (Table 3)."""
+    """Show the motor's data with stall torque and no-load speed (Table 3)."""
     rows = rows_of(runs, "motor.", "inertia.motor", "drive.supply_voltage")
     p = runs.parameters.nested()
     free = p.drive.supply_voltage / p.motor.back_emf_constant
@@ -50,7 +50,7 @@ def motor(runs: Runs) -> Shown:
 
 
 def current_gain(runs: Runs) -> Shown:
-    """Show the motor current over the analogue reference, asked for and flowing (Figure 3.4)."""
+    """Show the reference current and the motor current over the analogue reference (Figure 3.4)."""
     volts, given = np.linspace(-4.0, 4.0, 17), [runs.values[name] for name in GAINS]
     asked = physics.current_reference_raw(runs.parameters.nested(), volts)
 
@@ -59,14 +59,14 @@ def current_gain(runs: Runs) -> Shown:
 
     soon, late = after(1e-3, 50), after(10.0, 100)
     rows = tuple((name, *map(float, np.polyfit(volts, column, 1)))
-                 for name, column in (("asked for", asked), ("after 50 ms", soon), ("after 1000 s", late)))
+                 for name, column in (("reference", asked), ("after 50 ms", soon), ("after 1000 s", late)))
     return Shown(_HELD.format("-4 to 4 V"), panels([Panel("motor current [A]", [
-        Line(volts, asked, "asked for"), Line(volts, soon, "flowing after 50 ms", DOTS),
+        Line(volts, asked, "reference"), Line(volts, soon, "after 50 ms", DOTS),
         Line(volts, late, "after 1000 s", {**DOTS, "markerfacecolor": "none", "markersize": 6.0})])],
         "analogue reference [V]"),
-        "The thesis's line is 8.19 A/V and -0.015 A. The loop's integral decides how soon the current asked for flows.",
+        "The thesis's line is 8.19 A/V and -0.015 A. The loop's integral determines how soon the current reaches it.",
         Table(("", "slope [A/V]", "offset [A]"), rows),
-        "how long each reference was held; the points measured are not published.")
+        "how long each reference was held; the measured points are not published.")
 
 
 def current_loop(runs: Runs) -> Shown:
@@ -88,12 +88,12 @@ def current_loop(runs: Runs) -> Shown:
         rows.append((label, *gains, 1e3 * p.motor.inductance / (p.motor.resistance + gains[0]), 100.0 * share,
                      (p.motor.resistance + gains[0]) / gains[1] if gains[1] else None))
     return Shown(_HELD.format(f"step to {level:g} V at {1e3 * begin:g} ms"), panels([Panel("motor current [A]", [
-        Line(1e3 * time, demanded, "asked for", plots.COMMAND), *lines])], "time [ms]"),
+        Line(1e3 * time, demanded, "reference", plots.COMMAND), *lines])], "time [ms]"),
         f"The step arrives after the transport delay of {1e3 * delay:.3g} ms.",
         Table(("", "kp [V/A]", "ki [V/(A.s)]", "time constant [ms]", "reached at once [%]", "rest closes in [s]"),
               rows),
-        "the step's size (1 V is an estimate), and in which units the gains 5 and 0.1 are given: both readings are "
-        "drawn. The current measured is not published.")
+        "the step's size (1 V is an estimate), and the units of the gains 5 and 0.1: both readings are "
+        "plotted. The measured current is not published.")
 
 
 def conversion(runs: Runs) -> Shown:
@@ -102,5 +102,5 @@ def conversion(runs: Runs) -> Shown:
     rows = tuple((name, factor, float(runs.values[name]), units[name], float(runs.values[name]) / factor,
                   float(runs.values[name]) * factor) for name, factor in CONVERSION.items())
     return Shown("the thesis's coefficients, with the set's gains", table=Table(
-        ("gain", "coefficient", "as set", "unit", "in the drive's units", "SI, if the number set is in the drive's"),
+        ("gain", "coefficient", "as set", "unit", "in the drive's units", "SI, if the set's number is in drive units"),
         rows))

@@ -30,7 +30,7 @@ _SWING, _FREQUENCY, _CYCLES = 10.0, 0.25, 3  # deg, Hz
 
 
 def assembly(runs: Runs) -> Shown:
-    """Show the lever as it is mounted, and what its assembly angle does to the rates both ways (Figure 2.1)."""
+    """Show the mounted lever, and the fin rates in both directions over its assembly angle (Figure 2.1)."""
     p, reach = runs.parameters.nested(), runs.reach
     rates = []
     for mounted in ASSEMBLY:
@@ -57,7 +57,7 @@ def assembly(runs: Runs) -> Shown:
     return Shown(runs.conditions(f"steps from 0 to ±{reach_deg:g}°"), figure,
                  "Left, the lever at fin angle 0 and at the ends of the range; the screw is dotted. The set's assembly "
                  f"angle is {degrees(p.kinematics.initial_angle):.3g}°. Right, the mean rate over the middle 60 % of a "
-                 "step in either direction: mounted at an angle, the lever is slower to one side.",
+                 "step in either direction: with an assembly angle, one direction is slower.",
                  Table(("assembly angle [deg]", "positive [deg/s]", "negative [deg/s]"), tuple(rates)),
                  "the assembly angle's value; the set's is an estimate.")
 
@@ -73,12 +73,12 @@ def ratio(runs: Runs) -> Shown:
     return Shown("geometry alone", panels([Panel("motor angle / rad", [Line(np.degrees(fin), motor)]),
                                            Panel("reduction ratio", [Line(np.degrees(fin), reduction)])],
                                           "fin angle [deg]"),
-                 "The ratio is least where the lever stands upright on the screw, and grows with its angle from there.",
+                 "The ratio is smallest where the lever is perpendicular to the screw, and grows with the lever angle.",
                  Table(("fin angle [deg]", "motor angle [rad]", "nut [mm]", "reduction ratio"), rows))
 
 
 def natural_frequencies(runs: Runs) -> Shown:
-    """Show the rod's natural frequencies, the thesis's and those of the set (Table 1)."""
+    """Show the rod's natural frequencies, with the thesis's numbers and with the set's (Table 1)."""
     rod = load_rod()
     thesis, here = thesis_modes(rod), modes_at(rod, runs.values, 0.0)
     rows = (("inertia on the rod [kg.m2]", rod["thesis.inertia"], here["inertia_kgm2"]),
@@ -106,7 +106,7 @@ def _slow(runs: Runs) -> str:
 
 
 def two_encoders(runs: Runs) -> Shown:
-    """Show the fin angle by the fin's encoder and through the motor's, and their difference (Figure 3.37)."""
+    """Show the fin angles from the encoders on fin and motor, and their difference (Figure 3.37)."""
     columns, p = _backlash(runs), runs.parameters.nested()
     time, direct = columns["time"], np.degrees(columns["fin_angle"])
     indirect = np.degrees(physics.fin_angle(ARRAYS, p, physics.lever_tangent(ARRAYS, p, columns["motor_angle"])))
@@ -114,7 +114,7 @@ def two_encoders(runs: Runs) -> Shown:
         Panel("fin angle [deg]", [Line(time, direct, "direct"), Line(time, indirect, "through the motor",
                                                                     {"linestyle": (0, (4, 2))})]),
         Panel("difference [deg]", [Line(time, direct - indirect)])], "time [s]"),
-        "The direct angle lags the motor's by half the gap, and by the give of the drive line, in either direction.",
+        "The direct angle lags the angle from the motor by half the gap and by the drive line's twist, in either direction.",
         Table(("", "value"), (("difference, peak to peak [deg]", float(np.ptp((direct - indirect)[time > 1.0]))),)),
         "the motion and the load, which are estimates here. Counts of the encoders are left out.")
 
@@ -128,15 +128,15 @@ def backlash(runs: Runs) -> Shown:
                    delimiter=",", header="time [s],motor_angle [rad],fin_angle [rad]", comments="")
         try:
             identified = identification.identify([record], runs.parameters)
-        except EmcasError as error:  # without the folder, which is another every time
+        except EmcasError as error:  # without the folder, whose name is random
             raise EmcasError(str(error).replace(str(record), record.name)) from error
         drawing = next(iter(identified.drawings()))
     gap, p = identified[identification.GAP], runs.of("elastic").parameters.nested()
     play = degrees(p.drive_line.backlash / p.kinematics.moment_arm * np.cos(p.kinematics.initial_angle) ** 2)
     return Shown(_slow(runs), drawing.figure, drawing.caption,
                  Table(("", "value"), (("identified [deg]", gap.value), ("the gap itself, at fin angle 0 [deg]", play),
-                                       ("accuracy asked for (Table 2) [deg]", 0.2))),
-                 "the value measured; it was much smaller than the accuracy, and the thesis's model leaves it out.")
+                                       ("required accuracy (Table 2) [deg]", 0.2))),
+                 "the measured value; it was much smaller than the accuracy, and the thesis's model leaves it out.")
 
 
 def encoder(runs: Runs) -> Shown:
@@ -153,5 +153,5 @@ def encoder(runs: Runs) -> Shown:
         of_run(run), angle(run.columns, "true"),
         Line(time, np.degrees(run.columns["measured_fin_angle"]), "as read", {"drawstyle": "steps-post"})])],
         "time [s]", (0.0, 0.6)),
-        "Whole counts of the encoder, taken through lever and screw to the fin.", Table(("", "value"), rows),
-        "any reading: the thesis shows the block that decodes the encoder.")
+        "The encoder's whole counts, converted to fin angle.", Table(("", "value"), rows),
+        "all readings: the thesis shows only the block that decodes the encoder.")

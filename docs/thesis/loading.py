@@ -19,7 +19,7 @@ from .rigs import Columns
 from .runs import SLEWS, Runs
 
 _UNKNOWN = "command and load over time, and every number of the setup (Table 16); all are estimates."
-_SPAN = 0.35  # s after a slew that is looked at closely
+_SPAN = 0.35  # s after the beginning of a slew: the enlarged part
 
 
 def _conditions(runs: Runs) -> str:
@@ -41,12 +41,12 @@ def torque_loop(runs: Runs) -> Shown:
             ("overshoot [%]", 100.0 * max(float(np.max(share)) - 1.0, 0.0)),
             ("settling 2 % [ms]", 1e3 * settling(time[after], np.abs(share - 1.0)[after], 0.02)),
             ("largest fin angle by it [deg]", degrees(float(np.max(np.abs(moved))))))
-    load = f"{RATED:g} N.m asked of the loading test setup within {1e3 * LOAD_RISE:g} ms"
+    load = f"{RATED:g} N.m requested from the loading test setup within {1e3 * LOAD_RISE:g} ms"
     return Shown(runs.conditions("0", load), panels([
-        Panel("moment [N.m]", [Line(time, asked, "asked for", {"color": GRAY}),
+        Panel("moment [N.m]", [Line(time, asked, "requested", {"color": GRAY}),
                                Line(time, run.applied, "applied")]),
         Panel("fin angle [deg]", [angle(run.columns)])], "time [s]", (0.0, 0.4)),
-        "The torque loop feeds the moment asked for forward and corrects it by its sensor.",
+        "The torque loop feeds the requested moment forward, and corrects the moment by the sensor's reading.",
         Table(("", "value"), rows), _UNKNOWN)
 
 
@@ -55,7 +55,7 @@ def commanded(runs: Runs) -> Shown:
     run = runs.loaded
     return Shown(_conditions(runs), panels([Panel("fin angle [deg]", [
         command(run.excitation.time, run.excitation.command), angle(run.columns, "fin")])], "time [s]"),
-        "From end to end of the range against the load, and back with it.", unknown=_UNKNOWN)
+        "From one end of the range to the other against the load, and back with it.", unknown=_UNKNOWN)
 
 
 def applied(runs: Runs) -> Shown:
@@ -67,10 +67,10 @@ def applied(runs: Runs) -> Shown:
         during = missed[(time >= begin) & (time < begin + _SPAN)]
         rows.append((label, float(np.max(np.abs(during))), rms(during)))
     return Shown(_conditions(runs), panels([Panel("moment on the fin [N.m]", [
-        Line(time, run.asked, "asked for", {"color": GRAY}), Line(time, run.applied, "applied")])], "time [s]"),
-        "The peaks are the setup's inertia and friction, which the moving fin carries along until the torque loop has "
-        "made up for them: before 1 s with no moment asked for, too.",
-        Table(("slew", "largest distance [N.m]", "root mean square [N.m]"), rows), _UNKNOWN)
+        Line(time, run.asked, "requested", {"color": GRAY}), Line(time, run.applied, "applied")])], "time [s]"),
+        "The peaks come from the setup's inertia and friction, which the fin has to move until the torque loop has "
+        "compensated them; they also occur before 1 s, without a requested moment.",
+        Table(("slew", "largest difference [N.m]", "root mean square [N.m]"), rows), _UNKNOWN)
 
 
 def _rates(runs: Runs, columns: Columns) -> list[float]:
@@ -82,17 +82,17 @@ def _rates(runs: Runs, columns: Columns) -> list[float]:
 
 
 def results(runs: Runs) -> Shown:
-    """Show angle, rate and current of the loaded test, beside those under the very moment (Figure 5.29)."""
+    """Show angle, rate and current of the loaded test, and those with exactly the requested moment (Figure 5.29)."""
     return _results(runs, (0.0, float(runs.loaded.columns["time"][-1])), "The whole test.")
 
 
 def zoomed(runs: Runs) -> Shown:
-    """Show the slew against the load closely (Figure 5.30)."""
-    return _results(runs, (SLEWS[0] - LEAD_IN, SLEWS[0] + _SPAN), "About the slew against the load.")
+    """Show the slew against the load, enlarged (Figure 5.30)."""
+    return _results(runs, (SLEWS[0] - LEAD_IN, SLEWS[0] + _SPAN), "The slew against the load.")
 
 
 def _results(runs: Runs, window: tuple[float, float], caption: str) -> Shown:
-    run, both = runs.loaded, {"loading setup": runs.loaded.columns, "the very moment": runs.ideal.columns}
+    run, both = runs.loaded, {"loading setup": runs.loaded.columns, "exact moment": runs.ideal.columns}
     looks: tuple[dict[str, Any], ...] = ({}, {"linestyle": (0, (4, 2)), "linewidth": 1.0})
     rows = [(name, *_rates(runs, columns), float(np.max(np.abs(columns["motor_current"]))))
                                     for name, columns in both.items()]
@@ -101,7 +101,7 @@ def _results(runs: Runs, window: tuple[float, float], caption: str) -> Shown:
                                   *(angle(c, name, **look) for (name, c), look in zip(both.items(), looks))]),
         Panel("fin rate [deg/s]", [rate(c, **look) for c, look in zip(both.values(), looks)], (200.0,)),
         Panel("current [A]", [current(c, **look) for c, look in zip(both.values(), looks)])], "time [s]", window),
-        f"{caption} Dashed: the same with exactly the moment asked for. Dotted: the 200 deg/s that Table 2 asks for "
-        f"against {RATED:g} N.m.",
+        f"{caption} Dashed: with exactly the requested moment. Dotted: 200 deg/s, the required rate against "
+        f"{RATED:g} N.m (Table 2).",
         Table(("load by", "mean rate against it [deg/s]", "mean rate with it [deg/s]", "largest current [A]"), rows),
         _UNKNOWN)

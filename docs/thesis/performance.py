@@ -57,7 +57,7 @@ def step_rate(runs: Runs) -> Shown:
         rows.append((f"{sign * size:+g}°", moved["peak_rate_deg_per_s"], moved["sustained_rate_deg_per_s"]))
     return Shown(runs.conditions(f"steps to ±{size:g}° at 0.05 s"),
                  panels([Panel("fin rate [deg/s]", lines, (_RATE, -_RATE))], "time [s]", (0.03, 0.3)),
-                 f"Dotted: the {_RATE:g} deg/s that Table 2 asks of the mean rate.",
+                 f"Dotted: {_RATE:g} deg/s, the required mean rate (Table 2).",
                  Table(("step", "peak rate [deg/s]", "mean rate [deg/s]"), rows))
 
 
@@ -73,18 +73,18 @@ def square_command(runs: Runs) -> Shown:
 
 
 def square(runs: Runs) -> Shown:
-    """Show the response to the modified square wave: angle, its distance to the command, rate (Figure 5.22)."""
+    """Show the response to the modified square wave: angle, tracking error, rate (Figure 5.22)."""
     run = runs.case("square")
     columns = run.columns
     error = np.degrees(columns["tracking_error"])
-    rows = (("largest distance to the command [deg]", float(np.max(np.abs(error)))),
+    rows = (("largest tracking error [deg]", float(np.max(np.abs(error)))),
             ("its root mean square [deg]", rms(error)),
             ("largest rate [deg/s]", degrees(float(np.max(np.abs(columns["fin_rate"]))))))
     return Shown(runs.conditions("modified square wave"), panels([
         Panel("fin angle [deg]", [of_run(run), angle(columns, "fin")]),
         Panel("command - angle [deg]", [Line(columns["time"], error)]),
         Panel("fin rate [deg/s]", [rate(columns)])], "time [s]"),
-        "The thesis draws the difference to its test, which is not published; here it is that to the command.",
+        "The thesis plots the difference between simulation and test, which is not published; here, command - angle.",
         Table(("", "value"), rows), _SQUARE)
 
 
@@ -92,7 +92,7 @@ _SWEPT = "amplitude, frequencies and duration; these, logarithmic from 0.5 to 30
 
 
 def sweep(*window: float) -> Show:
-    """Return what shows the sine sweep over time, whole or within a window [s] (Figures 5.23, 5.24)."""
+    """Return a function that shows the sine sweep over time, whole or within a window [s] (Figures 5.23, 5.24)."""
     def show(runs: Runs) -> Shown:
         run = runs.case(_DRAWN)
         begin, end = window or (0.0, run.excitation.stop)
@@ -104,7 +104,7 @@ def sweep(*window: float) -> Show:
             parts.append(Panel("current [A]", [current(run.columns)]))
         return Shown(runs.conditions("sine sweep of 3.5°"), panels(parts, "time [s]", (begin, end)),
                      "The response falls behind as the frequency grows." if not window else
-                     "About 5 Hz; the lag is read against the command.", unknown=_SWEPT)
+                     "Near 5 Hz: the angle lags the command.", unknown=_SWEPT)
 
     return show
 
@@ -128,12 +128,12 @@ def bode(runs: Runs) -> Shown:
     gain.minorticks_off()
     return Shown(runs.conditions("sine sweeps of 1° and 3.5°, 0.5 to 30 Hz"), figure,
                  "Fundamental of fin angle over command, by Welch's method; dots mark -3 dB and -90 deg, the dotted "
-                 "upright the 10 Hz of Table 2.",
+                 "vertical line marks the 10 Hz of Table 2.",
                  Table(("amplitude", "-3 dB [Hz]", "-90 deg [Hz]"), rows), _SWEPT)
 
 
 def _table2(runs: Runs) -> Specification:
-    """Return those of the shipped requirements that are the thesis's."""
+    """Return the shipped requirements from Table 2 of the thesis."""
     shipped = load_requirements(None, runs.subject.parameters)
     return Specification(tuple(r for r in shipped.requirements if "Table 2" in r.source))
 
@@ -154,5 +154,5 @@ def realised(runs: Runs) -> Shown:
                  for r, j in zip(table2.requirements, judge(runs.subject, table2), strict=True))
     return Shown(runs.conditions("steps, slews and sine sweeps of Table 2", "none, and 100 N.m against the slew"),
                  table=Table(("requirement", "", "limit", "measured", "margin", "unit", "met"), rows),
-                 caption="Of a simulated unit whose parameters are largely estimates: emcas validate has the details.",
-                 unknown="the values that the thesis realised.")
+                 caption="The actuator is simulated, and most parameters are estimates: emcas validate has the details.",
+                 unknown="the values that were realised.")
