@@ -163,7 +163,7 @@ ENTRIES = (*FIGURES, *TABLES)
 
 
 def find(names: Iterable[str]) -> tuple[Entry, ...]:
-    """Return entries by names such as ``5.18``, ``Figure 5.18``, ``Table 4``, in the order of the lists; all without names.
+    """Return entries by name (``5.18``, ``Figure 5.18``, ``Table 4``) in the order of the lists; all without names.
 
     Raises EmcasError for an unknown name.
     """

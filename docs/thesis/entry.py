@@ -1,4 +1,4 @@
-"""An entry of the thesis's lists: its content and what it reproduces of the thesis, or the reason why it is not shown."""
+"""An entry of the thesis's lists: its content and what it reproduces, or the reason why it is not shown."""
 
 from __future__ import annotations
 

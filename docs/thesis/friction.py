@@ -1,4 +1,4 @@
-"""Section 3.3: friction as the rig measures it, against speed, fin angle and temperature (Figures 3.14 to 3.35)."""
+"""Section 3.3: friction measured by the rig over speed, fin angle and temperature (Figures 3.14 to 3.35)."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from .friction_rig import REACH, RPM, Sweep
 from .pictures import DASHED, DOTS, Line, Panel, panels
 from .runs import COLD, WARM, Runs
 
-SPEEDS = (50, 500, 1000, 1500, 2000)  # rpm, of the figures
-SLOW = 25  # rpm, for Coulomb friction
+SPEEDS = (50, 500, 1000, 1500, 2000)  # rpm, of the sweeps for viscous friction
+SLOW = 25  # rpm, of the sweep for Coulomb friction
 DIRECTIONS = {1: "positive", -1: "negative"}
 _ORDER = 6  # of the thesis's polynomials
-_UNKNOWN = ("the rig's motor, its acceleration and the range swept, which are estimates here, and the noise of its "
-            "instruments, of which there is none.")
+_UNKNOWN = ("the rig's motor, its acceleration and the range of the sweep, which are estimates here, and the "
+            "noise of its instruments, which is zero here.")
 
 
 def _conditions(temperature: float | str, speed: str) -> str:
@@ -52,14 +52,14 @@ def sweep(runs: Runs, rpm: int, temperature: float) -> Shown:
         parts.append(Panel("fin angle [deg]", [Line(s.time, np.degrees(s.fin_angle))]))
     rows = tuple((name, s.mean_current(d), s.mean_friction(d)) for d, name in DIRECTIONS.items())
     return Shown(_conditions(temperature, f"{rpm} rpm"), panels(parts, "time [s]", height=1.8),
-                 "The current at constant speed is friction, the rig's own among it; the peaks are what the ramps "
-                 "accelerate and, at the start, what breaks loose.",
-                 Table(("direction", "mean current at constant speed [A]", "friction of the unit [N.m]"), rows),
+                 "The current at constant speed shows the friction of actuator and rig; the peaks are due to the "
+                 "acceleration in the ramps and, at the start, to breakaway.",
+                 Table(("direction", "mean current at constant speed [A]", "friction of the actuator [N.m]"), rows),
                  _UNKNOWN)
 
 
 def _points(runs: Runs, temperature: float) -> dict[int, tuple[Array, Array]]:
-    """Return speeds [rpm] and mean friction [N.m] of the unit at each, by direction."""
+    """Return speeds [rpm] and the actuator's mean friction [N.m] at each, by direction."""
     sweeps = [runs.friction(rpm, temperature) for rpm in SPEEDS]
     return {d: (np.array([s.speed for s in sweeps]) / RPM, np.array([s.mean_friction(d) for s in sweeps]))
             for d in DIRECTIONS}
@@ -79,7 +79,7 @@ def against_speed(runs: Runs, *temperatures: float) -> Shown:
     listed = " and ".join(f"{t:g}" for t in temperatures)
     return Shown(_conditions(listed, f"{SPEEDS[0]} to {SPEEDS[-1]} rpm"),
                  panels([Panel("friction torque [N.m]", lines)], "motor speed [rpm]"),
-                 "Means at constant speed about fin angle 0, over a fifth of the range, less the rig's own friction.",
+                 "Means at constant speed within a fifth of the largest command, without the rig's friction.",
                  Table(tuple(columns), rows), _UNKNOWN)
 
 
@@ -96,23 +96,23 @@ def viscous_fit(runs: Runs, temperature: float = WARM) -> Shown:
                  panels([Panel("friction torque [N.m]", lines)], "motor speed [rpm]"),
                  "Least squares through the points of each direction. At constant motor speed the lever "
                  "still accelerates the fin: a torque that grows with the square of the speed helps one direction, "
-                 "hinders the other and tilts the lines. The mean of their slopes is free of it.",
+                 "hinders the other and changes the slopes. The mean of the slopes does not have this error.",
                  Table(("direction", "viscous coefficient, rig [N.m.s/rad]", "parameter [N.m.s/rad]",
-                        "friction at no speed, rig [N.m]"), rows), _UNKNOWN)
+                        "friction at zero speed, rig [N.m]"), rows), _UNKNOWN)
 
 
 def _line(speed: Array, torque: Array) -> tuple[float, float]:
     """Return slope [N.m.s/rad] and level [N.m] of friction over speed [rpm]. Raises EmcasError below two points."""
     measured = np.isfinite(torque)
     if np.count_nonzero(measured) < 2:
-        raise EmcasError("the friction rig's motor takes the fin past angle 0, steadily, at less than two of the "
+        raise EmcasError("the friction rig's motor moves the fin at constant speed through angle 0 at fewer than two "
                          "speeds: reduce friction (friction.coulomb, friction.fin_coulomb) or raise command.limit")
     slope, level = np.polyfit(speed[measured] * RPM, torque[measured], 1)
     return float(slope), float(level)
 
 
 def _coulomb_points(runs: Runs, temperature: float, direction: int) -> tuple[Array, Array]:
-    """Return fin angle [rad] and Coulomb friction [N.m] of the slow sweep, its viscous part taken off."""
+    """Return fin angle [rad] and Coulomb friction [N.m] of the slow sweep, without the viscous part."""
     s: Sweep = runs.friction(SLOW, temperature)
     slope, _ = _line(*_points(runs, temperature)[direction])
     return s.fin_angle[s.steady[direction]], s.friction(direction) - slope * s.speed
@@ -129,9 +129,9 @@ def against_angle(runs: Runs, *temperatures: float) -> Shown:
     listed = " and ".join(f"{t:g}" for t in temperatures)
     return Shown(_conditions(listed, f"{SLOW} rpm"),
                  panels([Panel("Coulomb friction [N.m]", lines)], "fin angle [deg]"),
-                 "At the motor axis; negative motion below. The viscous part, from the line through the faster sweeps, "
-                 "is taken off.",
-                 Table(("", "least [N.m]", "mean [N.m]", "most [N.m]"), rows), _UNKNOWN)
+                 "At the motor axis; negative for motion in the negative direction. The viscous part, from the line "
+                 "through the faster sweeps, is subtracted.",
+                 Table(("", "smallest [N.m]", "mean [N.m]", "largest [N.m]"), rows), _UNKNOWN)
 
 
 def polynomial(runs: Runs, direction: int, temperature: float = WARM) -> Array:
@@ -156,8 +156,8 @@ def curve_fit(runs: Runs, *directions: int) -> Shown:
         rows.append((DIRECTIONS[d], 1e3 * float(np.max(np.abs(fitted - torque))),
                      1e3 * float(np.max(np.abs(fitted - _coulomb(runs, WARM, d, fin))))))
     return Shown(_conditions(WARM, f"{SLOW} rpm"), panels([Panel("Coulomb friction [N.m]", lines)], "fin angle [deg]"),
-                 "The polynomials are what the friction compensation feeds forward; Table 15 has their coefficients.",
-                 Table(("direction", "largest distance to the rig [mN.m]", "to the parameters [mN.m]"), rows),
+                 "The friction compensation feeds such polynomials forward; Table 15 has the coefficients.",
+                 Table(("direction", "largest difference from the rig [mN.m]", "from the parameters [mN.m]"), rows),
                  _UNKNOWN)
 
 
@@ -175,12 +175,12 @@ def temperatures(runs: Runs) -> Shown:
 
 
 def summary(runs: Runs) -> Shown:
-    """Show the friction parameters at 24 degC as the rig finds them beside those of the set (Table 14)."""
+    """Show the friction parameters at 24 degC, measured by the rig and of the set (Table 14)."""
     p, rows = _parameters(runs, WARM), []
     for d, name in DIRECTIONS.items():
         slope, level = _line(*_points(runs, WARM)[d])
         rows += [(f"viscous, {name} [N.m.s/rad]", slope, float(physics.viscous(FLOATS, p, float(d)))),
-                 (f"Coulomb, {name}, at no speed [N.m]", level, float(physics.coulomb(FLOATS, p, float(d), 0.0)))]
+                 (f"Coulomb, {name}, at zero speed [N.m]", level, float(physics.coulomb(FLOATS, p, float(d), 0.0)))]
     return Shown(_conditions(WARM, f"{SPEEDS[0]} to {SPEEDS[-1]} rpm"),
                  table=Table(("", "rig", "parameters"), rows),
                  caption="Coulomb friction about fin angle 0: Figure 3.29 has it over the range.", unknown=_UNKNOWN)

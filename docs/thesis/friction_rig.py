@@ -1,10 +1,10 @@
-"""The friction measurement test setup (section 3.3.1): a motor of its own turns the screw, the unit's drive is off.
+"""The friction measurement test setup (section 3.3.1): a rig's motor turns the screw, the actuator's drive is off.
 
-    (J_r + J) dw/dt = K_r i - C_r sgn w - b_r w - friction of the unit        i = clip(k_p e + k_i int e), e = n - w
+    (J_r + J) dw/dt = K_r i - C_r sgn w - b_r w - actuator's friction         i = clip(k_p e + k_i int e), e = n - w
 
-The rig's motor is on the screw's axis, so that its inertia J_r is one more rotor. What its current says is friction,
-once speed is constant and its own friction is taken off: that is how the thesis measures section 3.3. A sweep goes from
-one end of the range to the other and back; acceleration, dwell and range are estimates.
+The rig's motor is on the screw's axis, so its inertia J_r is added to the rotor's. At constant speed its torque, from
+the current, minus its own friction is the actuator's friction: the method of section 3.3. A sweep goes from one end of
+the range to the other and back; acceleration, dwell and range are estimates.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from .rigs import rig_values
 from .stepping import SteppedUnit
 
 RPM = 2.0 * pi / 60.0
-REACH = 0.95  # of command.limit, swept both ways
+REACH = 0.95  # share of command.limit that a sweep covers in both directions
 _DWELL = 0.1  # s at rest before, between and after
-_ABOUT_ZERO = 0.2  # of command.limit: fin angles that means are taken over, the same at every speed
-_SETTLES = 0.05  # s from the ramp's end for the speed loop to settle
+_ABOUT_ZERO = 0.2  # share of command.limit: largest fin angle in means, the same at every speed
+_SETTLES = 0.05  # s, time after the ramp in which the speed loop settles
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep up and one down: columns by time [s], SI.
+    """A sweep up and down: signals over time [s], SI.
 
-    `speed` [rad/s] is the one commanded, `temperature` [degC]; `steady` has for each direction, 1 and -1, which rows
-    are at constant speed. Means are taken over fin angles within `about_zero` [rad].
+    `speed` [rad/s] is the commanded speed, `temperature` is in degC. `steady` has a mask of the rows at constant speed
+    for each direction, 1 and -1. Means are over fin angles within +-`about_zero` [rad].
     """
 
     speed: float
@@ -51,18 +51,18 @@ class Sweep:
     about_zero: float
 
     def friction(self, direction: int) -> Array:
-        """Return the unit's friction torque [N.m] in the rows at constant speed, as the rig's current tells it."""
+        """Return the actuator's friction torque [N.m] in the rows at constant speed, from the rig's current."""
         rig, rows = rig_values("friction_motor"), self.steady[direction]
         turning = np.abs(self.motor_speed[rows])
         torque: Array = direction * rig.torque_constant * self.current[rows] - rig.coulomb - rig.viscous * turning
         return torque
 
     def mean_friction(self, direction: int) -> float:
-        """Return the mean of it about fin angle 0 [N.m]; nan where the sweep is too short to be steady there."""
+        """Return the mean friction [N.m] about fin angle 0; nan without constant speed there."""
         return self._mean(self.friction(direction), direction)
 
     def mean_current(self, direction: int) -> float:
-        """Return the mean current there [A]."""
+        """Return the rig's mean current [A] about fin angle 0; nan without constant speed there."""
         return self._mean(self.current[self.steady[direction]], direction)
 
     def _mean(self, column: Array, direction: int) -> float:
@@ -100,14 +100,14 @@ def sweep(values: Mapping[str, Any], rpm: float, temperature: float) -> Sweep:
 
 
 def _net(rig: Any, torque: float, speed: float) -> float:
-    """Return what the rig's motor gives the screw [N.m]: its torque less its own friction, which at rest holds it."""
+    """Return the torque [N.m] of the rig's motor on the screw: motor torque minus the motor's friction."""
     if speed == 0.0:
         return torque - copysign(min(abs(torque), rig.coulomb), torque)
     return float(torque - copysign(rig.coulomb, speed) - rig.viscous * speed)
 
 
 def _profile(speed: float, travel: float, acceleration: float, step: float) -> tuple[Array, dict[int, Any]]:
-    """Return the speed commanded [rad/s] for a travel [rad] up and down, and the rows of constant speed each way."""
+    """Return the commanded speed [rad/s] for a travel [rad] up and down, and masks of constant speed by direction."""
     ramp = min(speed / acceleration, (travel / acceleration) ** 0.5)
     duration = travel / (acceleration * ramp) + ramp  # of a trapezium
     time = np.arange(round((3.0 * _DWELL + 2.0 * duration) / step)) * step

@@ -114,7 +114,7 @@ def two_encoders(runs: Runs) -> Shown:
         Panel("fin angle [deg]", [Line(time, direct, "direct"), Line(time, indirect, "through the motor",
                                                                     {"linestyle": (0, (4, 2))})]),
         Panel("difference [deg]", [Line(time, direct - indirect)])], "time [s]"),
-        "The direct angle lags the angle from the motor by half the gap and by the drive line's twist, in either direction.",
+        "The direct angle lags the motor's by half the gap and the drive line's twist, in either direction.",
         Table(("", "value"), (("difference, peak to peak [deg]", float(np.ptp((direct - indirect)[time > 1.0]))),)),
         "the motion and the load, which are estimates here. Counts of the encoders are left out.")
 

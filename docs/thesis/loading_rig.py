@@ -1,10 +1,10 @@
-"""The loading test setup (section 3.5): a geared motor with a torque loop of its own turns the fin shaft.
+"""The loading test setup (section 3.5): a geared motor with a torque loop loads the fin shaft.
 
     J_l dw_l/dt = T_m - C_l sgn w_l - b_l w_l - T        T = k (a_l - fin angle) + d (w_l - fin rate)
     T_m = N K_l i,  a current loop of first order,  i_ref = K (T_ref + k_p e + k_i int e)/(N K_l),  e = T_ref - T
 
-all at the fin. T is what its torque sensor reads and what loads the fin: while the fin follows its command, the rig's
-inertia and friction are carried along, and the loop makes up for them as far as it is fast enough.
+all at the fin. T is the torque that the sensor reads and that loads the fin. While the fin follows its command, it also
+moves the rig's inertia and friction; the loop compensates them within its bandwidth.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from emcas_fmu.simulation import Array
 from .rigs import Columns, rig_values
 from .stepping import SteppedUnit
 
-_SUBSTEPS = 5  # of the torque loop's sample: the coupling's oscillation is 35 Hz
+_SUBSTEPS = 5  # steps in a sample of the torque loop: the coupling oscillates at 35 Hz
 
 
 @dataclass(frozen=True)
 class Loaded:
-    """A run under the rig: what was asked of both, the actuator's outputs by name at the samples of the torque loop,
-    and the moment [N.m] that the rig applied."""
+    """A run on the rig: the excitation, the actuator's outputs by name at the samples of the torque loop, and the
+    moment [N.m] that the rig applied."""
 
     excitation: Excitation
     columns: Columns
@@ -36,12 +36,12 @@ class Loaded:
 
     @property
     def asked(self) -> Array:
-        """The moment [N.m] asked of the rig."""
+        """The moment [N.m] that is requested from the rig."""
         return self.excitation.columns[LOAD]
 
 
 def run(values: Mapping[str, Any], excitation: Excitation) -> Loaded:
-    """Return the response to an excitation whose hinge moment is what is asked of the rig; rows at its sample time."""
+    """Return the response to an excitation whose hinge moment is requested from the rig; rows at its sample time."""
     rig = rig_values("loading")
     step = excitation.step / _SUBSTEPS
     unit, load = SteppedUnit(values, step), _Load(rig, float(values["fin.start_angle"]), step)
@@ -71,7 +71,7 @@ class _Load:
         self._angle, self._rate, self._torque, self._asked, self._integral = angle, 0.0, 0.0, 0.0, 0.0
 
     def sample(self, wanted: float) -> None:
-        """Take a sample of the torque loop: `wanted` [N.m] against the sensor's reading."""
+        """Execute a sample of the torque loop, which controls the sensor's reading to `wanted` [N.m]."""
         rig, error = self._rig, wanted - self.moment
         asked = wanted + rig.torque_kp * error + self._integral
         self._asked = min(max(asked, -self._largest), self._largest)
@@ -79,7 +79,7 @@ class _Load:
             self._integral += rig.torque_ki * rig.sample_time * error
 
     def advance(self, fin: float, rate: float) -> None:
-        """Move on by a step (semi-implicit Euler) at the end of which the fin is at `fin` [rad] with `rate` [rad/s]."""
+        """Advance by a step (semi-implicit Euler); the fin is at `fin` [rad] with `rate` [rad/s] at its end."""
         rig, step = self._rig, self._step
         self._torque = self._asked + self._lag * (self._torque - self._asked)
         driving = self._torque - self.moment - rig.viscous * self._rate

@@ -1,4 +1,4 @@
-"""Chapter 4 and sections 5.2 and 5.3: linear model, controllers and what they are tuned to."""
+"""Chapter 4 and sections 5.2 and 5.3: linear model, controllers and their tuning."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _GENERATIONS = 2  # of the search that Figure 4.4 shows
 
 
 def linear_model(runs: Runs) -> Shown:
-    """Show the linear model's frequency response, and what P and PI leave under a load (Figure 4.1)."""
+    """Show the linear model's frequency response, and steady errors of P and PI control under a load (Figure 4.1)."""
     model, frequency = LinearModel(runs.values), np.geomspace(0.1, 100.0, 300)
     response = of_ratio(frequency, model.frequency_response(frequency))
     figure, ((gain,), (phase,)) = plots.figure(2, height=2.2, sharex=True)
@@ -45,16 +45,16 @@ def linear_model(runs: Runs) -> Shown:
     for name, gains in (("P", plain), ("PI", {})):
         held[name] = degrees(float(rest(runs.run(step_to(0.0, HOLD, RATED), **gains))["steady_error"]))
     rows = (("-3 dB [Hz]", response.bandwidth), ("-90 deg [Hz]", response.phase_bandwidth),
-            *((f"fin angle left by {RATED:g} N.m after {HOLD:g} s, {name} position control [deg]", error)
+            *((f"steady error under {RATED:g} N.m after {HOLD:g} s, {name} position control [deg]", error)
               for name, error in held.items()))
-    conditions = runs.conditions("small sines; 0 for the errors left", f"none; {RATED:g} N.m for the errors left")
+    conditions = runs.conditions("small sines; 0 for the steady errors", f"none; {RATED:g} N.m for the steady errors")
     return Shown(conditions, figure,
                  "Fin angle over command of the thesis's linear model, with sampled controllers and the drive's delay; "
                  "dots mark -3 dB and -90 deg.", Table(("", "value"), rows))
 
 
 def linear_steps(*sizes: float) -> Show:
-    """Return what shows steps [deg] of the linear and of the nonlinear model (Figures 5.8, 5.9)."""
+    """Return a function that shows steps [deg] of the linear and the nonlinear model (Figures 5.8, 5.9)."""
     def show(runs: Runs) -> Shown:
         model = LinearModel(runs.values)
         lines: list[Line] = []
@@ -70,7 +70,7 @@ def linear_steps(*sizes: float) -> Show:
         listed = " and ".join(f"{size:g}°" for size in runs.levels(*sizes))
         return Shown(runs.conditions(f"steps to {listed} at 0.05 s"),
                      panels([Panel("fin angle [deg]", lines)], "time [s]", (0.03, 0.05 + _LINEAR_SPAN)),
-                     "Small steps differ by friction and the encoder's counts, large ones by the limits.",
+                     "Small steps differ due to friction and encoder counts, large ones due to the limits.",
                      Table(("step", "largest difference [%]", "rise, linear [ms]", "rise, nonlinear [ms]",
                             "a limit active for [ms]"), rows))
 
@@ -94,10 +94,10 @@ def antiwindup(runs: Runs) -> Shown:
         Panel("fin rate [deg/s]", [rate(run.columns) for run in responses.values()]),
         Panel("reference [V]", [Line(run.columns["time"], run.columns["drive_reference"])
                                 for run in responses.values()])], "time [s]", (0.95, 2.3)),
-        "While the speed reference is at its limit the position loop's integral runs on, unless it is held back.",
+        "While the speed reference is at its limit, the position loop's integral winds up without anti-windup.",
         Table(("anti-windup", "overshoot [%]", "settling 2 % [s]", "within 0.2 deg after [s]",
                "at the stop [s]"), rows),
-        "any response: the thesis shows the structure. Slew and load here keep the speed reference at its limit.")
+        "all responses: the thesis shows only the structure. Slew and load here keep the speed reference at its limit.")
 
 
 def compensation(runs: Runs) -> Shown:
@@ -117,9 +117,9 @@ def compensation(runs: Runs) -> Shown:
             (switched if gain else lines).append(error)
     return Shown(f"{WARM:g} and {COLD:g} °C · command: sine of 1° at 0.5 Hz · load: none", panels([
         Panel("command - angle [deg]", lines), Panel("command - angle [deg]", switched)], "time [s]", (2.0, 6.0)),
-        "Above with the compensation, below without it: friction shows at every reversal, the more so at -6 °C.",
+        "Top: with the compensation; bottom: without it. Friction causes an error at every reversal, larger at -6 °C.",
         Table(("", "rms error [deg]", "peak error [deg]", "rms current [A]"), rows),
-        "any response: the thesis shows the block. The sine here is one that makes friction show.")
+        "all responses: the thesis shows only the block. The slow sine here makes the effect of friction visible.")
 
 
 def homing(runs: Runs) -> Shown:
@@ -139,13 +139,13 @@ def homing(runs: Runs) -> Shown:
         Panel("current [A]", [current(columns)]), Panel("", [Line(columns["time"], status)])], "time [s]", height=1.6)
     figure.axes[-1].set_yticks(sorted(set(status)), [names[float(each)] for each in sorted(set(status))])
     return Shown(runs.conditions("5°, followed once homed; home from 0.25 s") + " · start: -8°, not known", figure,
-                 "One stop is sought, then the other; the zero is half way between them.",
+                 "The fin moves to one stop, then to the other; zero is halfway between them.",
                  Table(("status", "from [s]", "true angle [deg]", "believed [deg]"), rows),
-                 "its steps, but for their title; these are this package's (docs/model/homing.md).")
+                 "the procedure; the one here is this package's (docs/model/homing.md).")
 
 
 def requirements(runs: Runs) -> Shown:
-    """Show what the position controller is to do, and what it does (Table 17)."""
+    """Show the requirements of the position controller, and the measured figures (Table 17)."""
     study = shipped_study(runs.parameters)
     asked = tuple(r for r in study.requirements if r.test and r.test.kind != "linear")  # margins need more packages
     gains = {t.name: float(runs.values[t.name]) for t in study.tunables}
@@ -158,14 +158,14 @@ def requirements(runs: Runs) -> Shown:
             title = f"{r.name.replace('_', ' ')}: {FIGURES[r.figure].title}"
             rows.append((title, "at most" if r.sense == "maximum" else "at least", unit, r.limit * factor,
                          nominal[r.name].measured * factor, r.source))
-    return Shown(runs.conditions("steps, slews and sines of models/tuning.toml", "as each test has it"),
+    return Shown(runs.conditions("steps, slews and sines of models/tuning.toml", "that of each test"),
                  table=Table(("requirement", "", "unit", "limit", "measured, nominal", "source"), rows),
-                 unknown="the table's rise time, settling time and overshoot; but for Table 2's, limits are estimates. "
-                 "Stability margins are judged by emcas tune.")
+                 unknown="the table's rise time, settling time and overshoot; except those of Table 2, limits are "
+                 "estimates. emcas tune also judges stability margins.")
 
 
 def tunables(runs: Runs) -> Shown:
-    """Show what is optimised, and within which bounds (Table 18)."""
+    """Show the optimised parameters and their bounds (Table 18)."""
     study = shipped_study(runs.parameters)
     units = {e.variable.name: e.variable.unit for e in runs.parameters.entries}
     rows = tuple((t.name, units[t.name], t.lower, t.upper) for t in study.tunables)
@@ -178,11 +178,11 @@ def optimised(runs: Runs) -> Shown:
     """Show the gains of the set (Table 19)."""
     names = {t.name for t in shipped_study(runs.parameters).tunables}
     return Shown("the parameter set", table=Table(COLUMNS, rows_of(runs, *names)),
-                 unknown=f"the thesis's gains, which would be of another unit. {_WEIGHT}")
+                 unknown=f"the thesis's gains, which belong to another actuator. {_WEIGHT}")
 
 
 def search(runs: Runs) -> Shown:
-    """Show a short search for gains, on steps alone (Figure 4.4)."""
+    """Show a short search for gains that uses only steps (Figure 4.4)."""
     study = shipped_study(runs.parameters)
     steps = [(r, r.test) for r in study.requirements if r.test and r.test.kind == "step"]
     tuned = tune(replace(study, cases=study.cases[:1], requirements=tuple(r for r, _ in steps)),
@@ -193,7 +193,7 @@ def search(runs: Runs) -> Shown:
     rows = tuple((name, tuned.before.gains[name], value) for name, value in tuned.best.gains.items())
     return Shown(runs.conditions(f"steps to {listed}"), drawing.figure,
                  f"Steps with the set's gains (before) and with those of a short search over Table 18's bounds, "
-                 f"{len(tuned.evaluated)} evaluations of these steps alone. It shows the method; the gains shipped are "
-                 "found by emcas tune in all cases and tests.",
+                 f"{len(tuned.evaluated)} evaluations of these steps only. It shows the method; emcas tune has found "
+                 "the shipped gains with all cases and tests.",
                  Table(("parameter", "as set", "this search"), rows),
                  f"the step's size and the bounds of its response. {_WEIGHT}")

@@ -18,7 +18,7 @@ from .runs import Runs
 _THESIS = "nonlinear actuator"
 _FIGURES = {"rise_time_s": "rise 10-90 % [s]", "settling_time_s": "settling 2 % [s]",
             "overshoot_percent": "overshoot [%]", "sustained_rate_deg_per_s": "mean rate [deg/s]"}
-_OF_AUTHOR = ("The structure of {}'s model, with the motor, screw and fin of this actuator as far as the model has them.",
+_OF_AUTHOR = ("The structure of {}'s model, with this actuator's motor, screw and fin as far as it has them.",
               "all numbers: the thesis shows only a block diagram. docs/model/models.md lists the effects that each "
               "model leaves out.")
 _OF_KIND = ("An actuator with {}, sized for the same task; all its numbers are estimates.",

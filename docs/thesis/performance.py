@@ -154,5 +154,5 @@ def realised(runs: Runs) -> Shown:
                  for r, j in zip(table2.requirements, judge(runs.subject, table2), strict=True))
     return Shown(runs.conditions("steps, slews and sine sweeps of Table 2", "none, and 100 N.m against the slew"),
                  table=Table(("requirement", "", "limit", "measured", "margin", "unit", "met"), rows),
-                 caption="The actuator is simulated, and most parameters are estimates: emcas validate has the details.",
+                 caption="The actuator is simulated; most parameters are estimates. emcas validate has the details.",
                  unknown="the values that were realised.")

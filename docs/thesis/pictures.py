@@ -1,4 +1,4 @@
-"""Panels of lines over a common axis: the one form that most entries are drawn in."""
+"""Panels of lines over a common axis, the plots of most entries."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DOTS: Look = {"linestyle": "none", "marker": "o", "markersize": 4.0}
 
 
 class Line(NamedTuple):
-    """A line by its points; the next colour unless `look` has one, named above the panel if it has a `label`."""
+    """A line through points. Without a colour in `look` it gets the next one; a `label` is shown above the panel."""
 
     x: Any
     y: Any
@@ -32,7 +32,7 @@ class Line(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """A panel: the label of its upright axis, its lines, and levels drawn across it."""
+    """A panel: the label of its vertical axis, its lines, and levels shown as horizontal lines."""
 
     label: str
     lines: Sequence[Line]
@@ -41,7 +41,7 @@ class Panel(NamedTuple):
 
 def panels(parts: Sequence[Panel], x_label: str, x_range: tuple[float, float] | None = None,
            height: float = 2.0) -> Figure:
-    """Draw panels below each other over the same axis; one by itself is higher than the `height` [inch] of several."""
+    """Return panels below each other over the same axis, each of `height` [inch]; a single panel is 35 % higher."""
     figure, grid = plots.figure(len(parts), height=height if len(parts) > 1 else 1.35 * height, sharex=True)
     for axes, panel in zip(grid[:, 0], parts, strict=True):
         _draw(axes, panel, x_range)
@@ -67,7 +67,7 @@ def _draw(axes: Axes, panel: Panel, x_range: tuple[float, float] | None) -> None
 
 
 def command(time: Any, asked: Any) -> Line:
-    """Return a command [rad] over time [s] as a line in degrees that jumps."""
+    """Return a command [rad] over time [s] as a line with steps, in degrees."""
     return Line(time, np.degrees(asked), "command", {**COMMAND, "drawstyle": "steps-post"})
 
 

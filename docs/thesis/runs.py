@@ -1,4 +1,4 @@
-"""The parameter set that the entries are made of, and the runs that several of them share, each made once."""
+"""The parameter set of all entries, and the runs that several entries share, each simulated once."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WARM, COLD = 24.0, -6.0  # degC, at which the thesis measured friction
 
 
 class Runs:
-    """Runs of the nonlinear actuator, and of others, with the parameters of `files` over the shipped ones."""
+    """Runs of the nonlinear and other actuators; the parameters of `files` override the shipped ones."""
 
     def __init__(self, files: Iterable[Path] = ()) -> None:
         self.files = tuple(files)
@@ -33,12 +33,12 @@ class Runs:
         self.friction = lru_cache(maxsize=None)(self._friction)
 
     def of(self, model: str) -> ParameterSubject:
-        """Return another actuator, or this one with extensions, with the parameters of the files."""
+        """Return an actuator, with extensions or without, with the parameters of the files."""
         parameters = self.parameters if model == NONLINEAR else self.parameters_of(model)
         return ParameterSubject(parameters, self.files)
 
     def parameters_of(self, model: str) -> ParameterSet:
-        """Return the parameters of another actuator, or of this one with extensions."""
+        """Return the parameters of an actuator, with extensions or without."""
         return load_parameters(self.files, model=model)
 
     @property
@@ -47,23 +47,23 @@ class Runs:
         return min(radians(20.0), float(self.values["command.limit"]))
 
     def levels(self, *sizes: float) -> list[float]:
-        """Return those sizes [deg] of a step that the set's limit of the command allows, and at least the limit."""
+        """Return the sizes [deg] of a step within the set's command limit; only the limit if all are larger."""
         reach = round(degrees(self.reach), 9)
         return [size for size in sizes if size <= reach] or [reach]
 
     def conditions(self, command: str, load: str = "none", temperature: float | None = None) -> str:
-        """Return temperature [degC; None is the set's], command and load in a line."""
+        """Return temperature [degC] (None: the set's), command and load in a line."""
         ambient = self.values["friction.temperature"] if temperature is None else temperature
         return f"{ambient:g} °C · command: {command} · load: {load}"
 
     def run(self, excitation: Excitation, **changes: float) -> Run:
-        """Return a finished run with parameters that differ, ``__`` for the dot. Raises StoppedError."""
+        """Return a finished run with changed parameters, ``__`` instead of the dot. Raises StoppedError."""
         run = self.subject.run(excitation, {name.replace("__", "."): value for name, value in changes.items()})
         run.finished()
         return run
 
     def case(self, name: str) -> Run:
-        """Return the run of a reference case with the encoder as it is set."""
+        """Return the run of a reference case with the encoder as in the parameter set."""
         return self.run(reference_case(name, exact=False, supply=supply_start(NONLINEAR, self.values)))
 
     def _friction(self, rpm: float, temperature: float) -> friction_rig.Sweep:
@@ -76,12 +76,12 @@ class Runs:
 
     @cached_property
     def ideal(self) -> Run:
-        """The loaded test with the very moment that is asked of the setup."""
+        """The loaded test with exactly the requested moment."""
         return self.run(loaded_test(self.reach))
 
 
 def loaded_test(reach: float) -> Excitation:
-    """Return the loaded test: to -`reach` [rad]; to +`reach` against RATED [N.m], and back to -`reach` with it."""
+    """Return the loaded test: to -`reach` [rad], to +`reach` against RATED [N.m], back to -`reach` with RATED."""
     time = times(3.0)
     command = np.select([time < LEAD_IN - STEP / 2, time < SLEWS[0] - STEP / 2, time < SLEWS[1] - STEP / 2],
                         [0.0, -reach, reach], -reach)

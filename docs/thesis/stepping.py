@@ -14,9 +14,9 @@ from emcas_fmu.simulation import Array
 
 
 class SteppedUnit:
-    """An actuator that is advanced by steps of `step` [s], so that inputs may depend on its outputs.
+    """An actuator that is advanced by steps of `step` [s]; inputs may depend on its outputs.
 
-    Its inputs have their start values. Raises ParameterError, and CompilerError if it cannot be compiled.
+    The inputs begin with their start values. Raises ParameterError, and CompilerError if it cannot be compiled.
     """
 
     def __init__(self, values: Mapping[str, Any], step: float, model: str = NONLINEAR) -> None:

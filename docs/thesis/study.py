@@ -17,7 +17,7 @@ from .runs import Runs
 
 REPRODUCED, NOT_FINISHED = "reproduced", "not finished"
 OWN = "with this set's values"
-"""Status of an entry with the thesis's subject and this set's values: the thesis's are lost, or were never published."""
+"""Status of an entry with the thesis's subject; the thesis's values are lost or were never published."""
 SIMULATED = "shown by simulation"
 """Status of an entry for which the thesis has only a structure, without numbers or curves to reproduce."""
 
