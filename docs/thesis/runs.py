@@ -47,7 +47,7 @@ class Runs:
         return min(radians(20.0), float(self.values["command.limit"]))
 
     def levels(self, *sizes: float) -> list[float]:
-        """Return the sizes [deg] of a step within the set's command limit; only the limit if all are larger."""
+        """Return the sizes [deg] of a step that do not exceed `reach`; `reach` alone if all are larger."""
         reach = round(degrees(self.reach), 9)
         return [size for size in sizes if size <= reach] or [reach]
 

@@ -268,7 +268,7 @@ def test_friction_that_the_rig_cannot_overcome_is_said_in_a_line(name: str, tmp_
     assert done.exit_code == 1
     assert isinstance(done.exception, SystemExit)
     said, = (line for line in done.output.splitlines() if line.startswith("not finished: "))
-    assert said.startswith(f"not finished: Figure {name}: the friction rig's motor takes")
+    assert said.startswith(f"not finished: Figure {name}: the friction rig's motor moves")
     assert "friction.fin_coulomb" in said
 
 
