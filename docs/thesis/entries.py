@@ -175,7 +175,7 @@ def find(names: Iterable[str]) -> tuple[Entry, ...]:
             table = _key(f"Table {name}")
             near = f"; did you mean Table {name}?" if table in known else hint(
                 name, [entry.name if name[:1].isalpha() else entry.number for entry in ENTRIES])
-            raise EmcasError(f"--only {name}: the thesis's lists have no such entry; name a figure by its number, 5.18, "
+            raise EmcasError(f"--only {name}: the thesis's lists have no such entry: name a figure by number, 5.18, "
                              f"a table as in \"Table 4\"{near}")
         chosen.add(key)
     return tuple(entry for key, entry in known.items() if key in chosen or not chosen)

@@ -133,7 +133,7 @@ def test_entries_are_found_by_number_and_by_name() -> None:
 
 @pytest.mark.parametrize(("name", "near"), [
     ("4", "did you mean Table 4?"), ("5.81", "did you mean 5.8"), ("Figure 9.9", "did you mean Figure"),
-    ("Table 21", "did you mean Table 2"), ("", "name a figure by its number")])
+    ("Table 21", "did you mean Table 2"), ("", "name a figure by number")])
 def test_a_name_that_is_none_is_refused_with_one_that_is(name: str, near: str, tmp_path: Path) -> None:
     with pytest.raises(EmcasError, match=re.escape(near)):
         find(["5.18", name])
