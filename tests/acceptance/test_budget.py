@@ -142,7 +142,7 @@ def test_limits_of_tolerances() -> None:
     assert found["friction.temperature"] == (-6.0, 24.0)
     assert "deviation.mass.fin" not in found
     assert [term.label for term in budget.toleranced(of)][:2] == [
-        "moment arm, ±0.2 %", "assembly angle of the lever, ±0.25 deg"]
+        "moment arm, ±0.2 %", "lever's assembly angle, ±0.25 deg"]
     # What is as large as the nominal value has one limit; colder than the tests is one of its own.
     cold = rig(friction__temperature=-6.0)
     assert [len(term.values) for term in budget.toleranced(cold) if term.name == "friction_temperature"] == [1]

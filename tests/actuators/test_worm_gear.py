@@ -284,7 +284,7 @@ def test_has_nothing_of_screw_and_lever() -> None:
     assert {v.description for v in actuator.parameters if "fork" in v.name} == {
         text.format(axis=axis) for axis in "xz" for text in (
             "worm wheel inertia about the hinge", "worm wheel mass",
-            "centre of mass of the worm wheel from the hinge at fin_angle 0, along {axis}")}
+            "{axis} coordinate of the worm wheel's centre of mass, from the hinge at fin_angle 0")}
 
 
 def test_sliding_speed_is_that_of_the_pitch_helix() -> None:

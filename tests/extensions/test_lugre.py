@@ -348,5 +348,5 @@ def test_bristles_too_stiff_for_the_tick_are_refused() -> None:
     ("habibi+lugre", "a rigid drive line"), ("ozkan+lugre", "a rigid drive line")])
 def test_where_it_does_not_belong_it_is_refused(model: str, reason: str) -> None:
     has_none = f"{model.partition('+')[0]} has none"
-    with pytest.raises(EmcasError, match=f"lugre needs {reason}; {has_none}, nonlinear has$"):
+    with pytest.raises(EmcasError, match=f"lugre needs {reason}; {has_none}; choose nonlinear$"):
         get(model)

@@ -148,5 +148,5 @@ def test_refusals(arguments: list[str], message: str, tmp_path: Path) -> None:
 def test_other_commands_are_for_the_whole() -> None:
     done = CliRunner().invoke(app, ["simulate", "--model", f"{NONLINEAR}+torque", "--step", "10"])
     assert done.exit_code == 2
-    assert "leave +torque out; torque out is an FMU only: emcas build --interface torque" in " ".join(
+    assert "leave +torque out; an output torque exists only as an FMU: emcas build --interface torque" in " ".join(
         done.output.split())

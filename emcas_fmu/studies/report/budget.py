@@ -73,8 +73,8 @@ def toleranced(rig: Rig) -> list[Term]:
         unit, factor = shown(variables[name].unit)
         low, high = (rounded(factor * end, ".3g") for end in ends)
         span = f"±{high}" if ends[0] == -ends[1] else f"{low} to {high}"
-        terms.append(Term(name.removeprefix("deviation.").replace(".", "_"),
-                          f"{variables[name].description.partition(' as built')[0]}, {span} {unit}",
+        quantity = variables[name].description.rpartition(" as built of ")[2].removeprefix("the ")
+        terms.append(Term(name.removeprefix("deviation.").replace(".", "_"), f"{quantity}, {span} {unit}",
                           tuple({name: end} for end in ends if end != rig.subject.values[name])))
     return terms
 
