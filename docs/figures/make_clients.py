@@ -1,6 +1,6 @@
 """Tables of docs/use/clients.md: results of FMUs in other clients, run as in the tests, and the clients' messages.
 
-    python docs/figures/make_clients.py           # writes them in some minutes; fmusim's if it is on the path
+    python docs/figures/make_clients.py           # writes them in some minutes; that of fmusim if it is on the PATH
     python docs/figures/make_clients.py --check   # exit code 1 if one is stale
 """
 
@@ -27,7 +27,7 @@ PAGE = "use/clients.md"
 
 
 def _version(client: str) -> str:
-    """Return the version of a client that CI installs for the newer Python; for fmusim, the version that it prints."""
+    """Return a client's version in .ci/constraints.txt for the newer Python; for fmusim the version that it prints."""
     package = CLIENTS[client].package
     if not package:
         process = subprocess.run(["fmusim", "--version"], capture_output=True, text=True, check=True)
@@ -61,7 +61,7 @@ def _matrix(clients: Iterable[str], runs: matrix.Runs) -> str:
 
 
 def messages() -> str:
-    """Return the table of the clients' messages in the tests' list."""
+    """Return the table of the messages in tests/interop/known_complaints.toml."""
     rows = []
     for complaint in matrix.known():
         text = re.sub(r"\\(.)", r"\1", complaint.text.replace(".+", "…").replace(".*", "…")).replace("|", r"\|")

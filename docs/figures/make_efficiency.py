@@ -25,7 +25,7 @@ MODEL = "nonlinear+efficiency"
 LOAD = 100.0  # N.m
 RATE, REACH = 100.0, 10.0  # deg/s, deg on both sides of zero
 BASE = load_parameters(model=MODEL)
-# Forward, backward: by backward = 2 - 1/forward.
+# Efficiencies (forward, backward); backward = 2 - 1/forward.
 SCREWS = ((1.0, 1.0), (0.9, 0.889), (0.7, 0.571), (0.5, 0.0))
 _MARKED = re.compile(r"(<!-- strokes -->\n).*?(<!-- /strokes -->)", re.DOTALL)
 
@@ -38,7 +38,7 @@ def _run(screw: tuple[float, float], command: Any, torque: float, stop: float, *
 
 def _stroke(screw: tuple[float, float], torque: float) -> list[str]:
     """Return means from -REACH to REACH at RATE: current, bus power, screw loss, and the energy from the bus."""
-    # 9 deg more at both ends; without an integral, which would raise the rate until the lag is removed.
+    # The ramp has 9 deg more at both ends; an integral would make the fin faster than RATE to remove the lag.
     start = -REACH - 9.0
     run = _run(screw, lambda t: radians(start + RATE * t), torque, -2.0 * start / RATE,
                **{"fin.start_angle": radians(start), "controller.position.ki": 0.0})
@@ -51,7 +51,7 @@ def _stroke(screw: tuple[float, float], torque: float) -> list[str]:
 
 
 def _holding(screw: tuple[float, float]) -> str:
-    """Return the smallest current that holds LOAD at angle zero, in closed form: (backward L - C_m)/K_t, at least 0."""
+    """Return the smallest current that holds LOAD at angle zero: (backward LOAD/ratio - C_m)/K_t, at least 0."""
     v, (_, backward) = BASE.values, screw
     ratio = v["kinematics.moment_arm"] / v["screw.lead"] / cos(v["kinematics.initial_angle"])**2
     smallest = (backward * LOAD / ratio - v["friction.coulomb.positive[0]"]) / v["motor.torque_constant"]
@@ -85,7 +85,7 @@ def renewed(text: str) -> str:
 
 
 def _move(time: float) -> float:
-    """Return the command [rad]: from -15 to 15 deg in 0.3 s, with rate 0 at both ends; then constant."""
+    """Return the command [rad]: -15 deg until 0.1 s, then to 15 deg in 0.3 s with rate 0 at both ends."""
     return -radians(15.0) * cos(pi * min(max(time - 0.1, 0.0), 0.3) / 0.3)
 
 
@@ -108,7 +108,7 @@ def _draw() -> None:
 
 
 def main(check: bool) -> int:
-    """Write page and figure, or with `check` print whether the page is stale. Return the exit code: 1 if it is."""
+    """Write page and figure, or with `check` print a message if the page is stale. Return the exit code: 1 if it is."""
     path = FIGURES.parent / "model/efficiency.md"
     old = path.read_text(encoding="utf-8")
     new = renewed(old)

@@ -27,8 +27,8 @@ from emcas_fmu.parameters import load_parameters
 
 HERE = Path(__file__).parent
 BEGIN, END, STOP = 0.2, 0.4, 0.6  # s
-LONG_STOP = 2.0  # s, end of the runs for detection and failed windings
-LOAD, LOADS = 40.0, {"servo": 4.0}  # N.m, of an actuator, and of those that hold less
+LONG_STOP = 2.0  # s, end of the runs of detection() and failed_motor()
+LOAD, LOADS = 40.0, {"servo": 4.0}  # N.m, amplitude of the load, and others by name for weaker actuators
 SMALLEST = 0.005  # deg; smaller changes are rounding, or a count more or less
 
 
@@ -87,8 +87,7 @@ def detection() -> str:
 
 
 def failed_motor() -> str:
-    """Return the table of final angle and largest rate of the nonlinear model's fin under loads, when its motor fails.
-    """
+    """Return the table of a fin's final angle or time to the stop, and largest rate, after drive or winding fail."""
     names, rows = ("drive_loss", "winding_short", "phase_loss"), []
     for load in (20.0, 40.0, 100.0, 150.0):
         runs = _runs("nonlinear", names, (BEGIN, 1e9), aero_torque=np.full_like(times(LONG_STOP), load))

@@ -16,7 +16,7 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     """Return the result of a sample of the shipped controllers, with a wrong velocity integral."""
     values = dict(nonlinear.sample(ops, p, x, inputs))
     reference = values["reference"]
-    # Part of the reference beyond the drive's current limit.
+    # What the drive follows minus the reference: 0 within the current limit, of opposite sign to the reference beyond.
     beyond = drive.followed(ops, p, reference) - reference
     drift = p.controller.sample_time * p.controller.drive_antiwindup * beyond
     values["velocity_integral"] = values["velocity_integral"] + ops.where(inputs.enable, drift, 0.0)

@@ -71,7 +71,7 @@ def functions(actuator: Actuator) -> tuple[Function, ...]:
         returned = actuator.step(ops, p, x, u, h)
         if not (isinstance(returned, tuple) and len(returned) == 2):
             raise EmcasError(f"{location(actuator.step)} returns {type(returned).__name__}; return a mapping of states "
-                             "and the time that it has advanced, as in return {...}, h")
+                             "and the time [s] that the step has advanced, as in return {...}, h")
         moved, used = returned
         moved = {**vars(x), **complete(actuator.step, moved, (), plant)}
         complete(actuator.step, {"the time of the step": used}, ("the time of the step",))
@@ -113,7 +113,7 @@ def complete(function: Callable[..., Any], values: Any, names: Iterable[str], op
     if missing:
         raise EmcasError(f"{location(function)} returns no {', '.join(missing)}{returned and f'; it {returned}'}")
     if unknown:
-        raise EmcasError(f"{location(function)} {returned}; there is {', '.join(sorted(known))}")
+        raise EmcasError(f"{location(function)} {returned}; declared are {', '.join(sorted(known))}")
     for name, value in values.items():
         unknown_number = isinstance(value, float) and isnan(value) and not isinstance(value, LocatedFloat)
         if value is None or isinstance(value, (str, Sequence, Mapping)) or unknown_number:

@@ -100,14 +100,14 @@ def _date(text: str) -> str:
 
 
 def ends_in(ending: str, remedy: str = "") -> Callable[[Path | None], Path | None]:
-    """Return a callback that checks the path of an output: it must have the ending, or be a terminal or a pipe.
+    """Return a callback that checks the path of a file: it must have the ending, or be a terminal or a pipe.
 
     The callback accepts folders: `check_outputs` refuses them.
     """
     @failures()
     def check(path: Path | None) -> Path | None:
         if path and path.suffix.lower() != ending and (path.is_file() or not path.exists()):
-            raise EmcasError(f"{path}: the name of this output must end in {ending}{remedy}")
+            raise EmcasError(f"{path}: the name of this file must end in {ending}{remedy}")
         return path
 
     return check
@@ -116,7 +116,7 @@ def ends_in(ending: str, remedy: str = "") -> Callable[[Path | None], Path | Non
 def value(what: str, metavar: str, *names: str, ending: str = "", remedy: str = "", **more: Any) -> Any:
     """Return an option with a value: its help, its metavar, and its `names` if they differ from the argument's name.
 
-    If the value is an output file, `ending` is the required ending of its name, and `remedy` follows in the message for
+    If the value is a file, `ending` is the required ending of its name, and `remedy` follows in the message for
     another ending. `more` are arguments of typer.Option.
     """
     if ending:

@@ -69,7 +69,7 @@ class Following(Controllers):
         behind, limit, way = followed - fin, self.p["trajectory.tracking_limit"], self.period * after
         lost = math.copysign(min(max(abs(behind) - limit, 0.0), abs(way)), way) if behind * way > 0.0 else 0.0
         lost *= self.integral_gains[0] > 0.0  # without integral action any load keeps the fin behind
-        self.lost = lost / way if way else 0.0
+        self.lost = lost / way if way else 0.0  # the package counts shares up to 1e-12 as none
         self.rate = after - 0.3 * lost / self.period
         self.history = [angle - lost for angle in (following, *self.history[:-1])]
         return reference

@@ -404,7 +404,7 @@ def test_article_that_does_not_move_fails_without_a_crash(entry: dict[str, float
     assert isnan(figures["threshold.from_rest.positive_deg"])
     assert isnan(figures["step_response.plus_1deg.rise_time_s"])
     text = page(found, tmp_path)
-    assert text.count("deg the gain is below -3 dB from 2 Hz on") == 2
+    assert text.count("deg the gain is below -3 dB already at 2 Hz") == 2
     json.dumps(plain(as_dict(found)), allow_nan=False)
 
 

@@ -64,4 +64,5 @@ def test_notes_of_ticks_say_what_is_so(model: str) -> None:
     said = re.search(r"Checked with the shipped parameters: every reference case is within ([\d.]+) deg", note)
     assert said is not None
     worst = max(off(parameters, case.name) for case in files.cases(parameters.model, parameters.values))
-    assert 0.5 * float(said[1]) < worst < float(said[1])
+    # The note is rounded up to a digit that holds on any processor: 0.00022 deg on one, below 0.0002 on another.
+    assert float(said[1]) / 3.0 < worst < float(said[1])

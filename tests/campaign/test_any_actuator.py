@@ -166,7 +166,7 @@ def test_one_without_motor_and_supply_leaves_their_figures_out(write: Write, tmp
     assert summary["left_out"] == {"this actuator has no supply_power": ["power_peak", "power_rms", "energy"],
                                    "this actuator has no motor_current": ["peak_current", "rms_current"]}
     page = (tmp_path / "out" / "summary.html").read_text(encoding="utf-8")
-    assert "power_peak, power_rms, energy: left out, this actuator has no supply_power." in page
+    assert "power_peak, power_rms, energy: left out (this actuator has no supply_power)." in page
 
 
 @pytest.mark.fmu

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
@@ -94,6 +95,18 @@ def test_no_worker_is_left(small: Study, store: Store, monkeypatch: pytest.Monke
         with pytest.raises(CampaignError, match=r"no worker has run for 1 s: .* the same command continues"):
             by_dask(other, small, store.missing(), store.write)
     assert len(store.missing()) == 24
+
+
+@pytest.mark.parametrize("arguments", [{}, {
+    "host_restrictions": set(), "worker_restrictions": set(), "resource_restrictions": {}}])
+def test_every_worker_is_paused(arguments: Mapping[str, Any]) -> None:
+    """As those whose memory is nearly full; Dask has one error for queued tasks and one for others."""
+    from distributed import scheduler
+
+    kind = scheduler.NoValidWorkerError if arguments else scheduler.NoWorkerError
+    with pytest.raises(CampaignError, match=r"no worker has run for 2 s: .* the same command continues"), \
+            run._connected():
+        raise kind(task="rows", timeout=2.0, **arguments)
 
 
 @pytest.mark.slow

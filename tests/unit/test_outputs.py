@@ -77,7 +77,7 @@ def test_files_are_tried_first(command: str, option: str) -> None:
 def test_files_are_named_after_what_is_in_them(command: str, option: str) -> None:
     name, _, ending = option.partition(" ")
     said = refused(command, name, "x.pdf")
-    assert f"x.pdf: the name of this output must end in {ending}" in said
+    assert f"x.pdf: the name of this file must end in {ending}" in said
     assert ("print the page from a browser" in said) is (ending == ".html")
 
 

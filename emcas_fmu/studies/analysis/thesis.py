@@ -28,7 +28,7 @@ def closed(values: Mapping[str, Any]) -> System:
 
 
 def reference_loop(values: Mapping[str, Any]) -> System:
-    """Return the loop broken at the drive's reference u, which the last row of the closed model's update computes."""
+    """Return the loop L (closed by 1 + L) opened at the drive's reference, which `update` has in its last row."""
     model = linear_model(values)
     law = model.update[-1]
     return -_system(model, model.update - np.outer(model.written, law), model.written, law, "dac", "reference")

@@ -175,9 +175,10 @@ def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps
         weights = [leap_weights(power.shape[-1], run.excitation.step / POWER_ROWS, each) for each in leaps]
         measures |= leaping_power(power, weights[0] if len(weights) == 1 else np.stack(weights))
     if KINDS[experiment.kind].jumps:
-        command = run.excitation.command
-        if np.any((command[..., -1] == command[..., 0]) | (command[..., -1] == columns["fin_angle"][..., begin])):
-            raise ValueError("the step has no height: the command is the initial command or the fin's initial angle")
+        command, moves = run.excitation.command, run.excitation.moves
+        before = moves[-2].level if len(moves) > 1 else command[..., 0]
+        if np.any((command[..., -1] == before) | (command[..., -1] == columns["fin_angle"][..., begin])):
+            raise ValueError("the step has no height: the command is the command before it or the fin's initial angle")
         measures |= moved(rows, -1)  # a slew has a jump to its starting end before
         measures["steady_error"] = np.abs(measures["steady_error"])
     if KINDS[experiment.kind].sweeps:

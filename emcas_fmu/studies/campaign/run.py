@@ -178,9 +178,9 @@ def _connected() -> Iterator[None]:
     except (distributed.CancelledError, distributed.comm.CommClosedError, TimeoutError, closed) as error:
         raise CampaignError(f"the scheduler was lost ({type(error).__name__}); finished samples are kept, and the same "
                             "command continues") from error
-    except distributed.scheduler.NoWorkerError as error:
-        raise CampaignError(f"no worker has run for {error.timeout:g} s: they died and could not be restarted (memory "
-                            "or disk may be full); finished samples are kept: the same command continues") from error
+    except (distributed.scheduler.NoWorkerError, distributed.scheduler.NoValidWorkerError) as error:
+        raise CampaignError(f"no worker has run for {error.timeout:g} s: all have died or are paused (memory or disk "
+                            "may be full); finished samples are kept: the same command continues") from error
 
 
 def _run(submit: Callable[[Indices], Any], chunks: Iterator[Indices], keep: Keep, ahead: int) -> Indices:

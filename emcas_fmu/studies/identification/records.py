@@ -1,7 +1,7 @@
 """Read measurements from CSV files: a header with names and units, then one row for each of equally spaced samples.
 
-A header cell is ``name [unit]``; without a unit, values are in the SI unit of the quantity. Other columns are ignored.
-Unusable data raise RecordError with file, column and row.
+A header cell is ``name [unit]``; without a unit, values are in the unit of QUANTITIES. Columns that the caller does not
+name are ignored. Unusable data raise RecordError with the file and, where they apply, column and row.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ FEWEST_ROWS = 20
 # Largest jitter of a logger's time stamps, as a share of the sample interval: the estimates depend on differences
 # between neighbouring samples, which are wrong by the same share.
 _JITTER = 0.05
-# Number of successive equal values at the extreme of a noisy record that shows the end of a measuring range.
+# Fewest successive equal values at an extreme that show a clipped record.
 _FLAT = 6
 _NOISY = 0.5  # share of samples equal to their neighbour, below which a record is noisy
 _HEADER = re.compile(r"\s*([A-Za-z_][A-Za-z0-9_.]*)\s*(?:\[([^\]]*)\])?\s*")
 
 
 class RecordError(EmcasError):
-    """The measurements do not identify the parameters; the message says why, and what to measure instead."""
+    """The measurements are unusable or do not identify the parameters; the message gives reason and remedy."""
 
 
 def require(condition: object, problem: str) -> None:
@@ -58,9 +58,10 @@ def require(condition: object, problem: str) -> None:
 
 @dataclass(frozen=True)
 class Record:
-    """A file of measurements: `columns` [SI] by name, the sample interval `step` [s], the columns' `units` in the file.
+    """A file of measurements: `columns` by name, the sample interval `step` [s], the columns' `units` in the file.
 
-    `quantities` maps the name of a column to its SI unit and its meaning; `unused` are the other names in the header.
+    `quantities` maps the name of a column to its unit (SI, degC for temperatures) and its meaning; `unused` are the
+    other names in the header.
     """
 
     path: Path
@@ -110,7 +111,7 @@ def read_records(paths: Sequence[Path], required: Sequence[str], optional: Seque
 
 
 def divided(records: Sequence[Record], stretches: Callable[[Record], Iterable[T]]) -> tuple[list[T], list[int]]:
-    """Return the stretches of all records, and the index of the record of each stretch."""
+    """Return the parts that `stretches` makes of each record, and for each part the index of its record."""
     pairs = [(stretch, i) for i, record in enumerate(records) for stretch in stretches(record)]
     return [stretch for stretch, _ in pairs], [i for _, i in pairs]
 
@@ -180,7 +181,7 @@ def _interval(path: Path, time: Array) -> float:
         raise RecordError(f"{path}: time does not increase at data row {row} ({time[row - 2]:.9g} s, then "
                           f"{time[row - 1]:.9g} s); sort the rows and remove repeated ones")
     step = float(time[-1] - time[0]) / len(steps)
-    # Time stamps are rounded to the digits in the file: half a unit of the last digit is not jitter.
+    # Deviations up to 2e-9 of the largest time are rounding of time stamps to nine digits, not jitter.
     if np.abs(time - time[0] - step * np.arange(len(time))).max() > max(0.5, _JITTER) * step \
             or np.abs(steps - step).max() > max(_JITTER * step, 2e-9 * np.abs(time).max()):
         row = int(np.argmax(np.abs(steps - step))) + 2
@@ -190,10 +191,11 @@ def _interval(path: Path, time: Array) -> float:
 
 
 def refuse_clipped(record: Record, name: str) -> None:
-    """Raise RecordError for a column that is constant at its extreme only, where the measuring range ends.
+    """Raise RecordError for a clipped column: one that is constant only at its largest or smallest value.
 
-    Clipping shows as a sequence of equal values or, if noise leaves the end of the range again, as a frequent value at
-    the end of the distribution. Records without noise may be constant anywhere: only sequences are evidence in them.
+    Clipping shows as a sequence of equal values or, if noise brings the signal back into the range, as an extreme value
+    that is far more frequent than its neighbours. Records without noise may be constant anywhere: only sequences are
+    evidence in them.
     """
     values = record[name]
     equal = np.diff(values) == 0.0
@@ -210,7 +212,7 @@ def refuse_clipped(record: Record, name: str) -> None:
 
 
 def refuse_magnitude(record: Record, name: str, largest: float, meaning: str) -> None:
-    """Raise RecordError for a column beyond `largest` [SI], with its `meaning`: the header's unit is probably wrong."""
+    """Raise RecordError for a magnitude above `largest`, whose `meaning` the message gives: a wrong unit is likely."""
     reached, unit = float(np.abs(record[name]).max()), record.quantities[name][0]
     record.require(reached <= largest, f"{name} reaches {reached:.4g} {unit}, more than {largest:.4g} {unit} "
                    f"({meaning}); it was read as {record.units[name]}: write its unit into the header, as in "
@@ -218,7 +220,7 @@ def refuse_magnitude(record: Record, name: str, largest: float, meaning: str) ->
 
 
 def distinct(numbers: Iterable[float], apart: float = 0.0) -> list[float]:
-    """Return sorted numbers without those that are within 15 %, or within `apart` (same unit), of the one before."""
+    """Return the sorted numbers, without those within 15 %, or within `apart` (if not 0), of the last one kept."""
     levels: list[float] = []
     for number in sorted(numbers):
         if not levels or number - levels[-1] > (apart or 0.15 * abs(levels[-1])):
@@ -227,7 +229,7 @@ def distinct(numbers: Iterable[float], apart: float = 0.0) -> list[float]:
 
 
 def runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the first index of each sequence of True, and the index after its last [sequences, 2]."""
+    """Return for each sequence of True its first index and the index after its last, an array [sequences, 2]."""
     edges = np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0))
     return edges.reshape(-1, 2)
 
