@@ -54,7 +54,7 @@ _OTHER_SUPPLY = "em.Supply({}, {}, inverse_inductance="
     (('"fin_rate": torque / inertia', '"fin_rte": torque / inertia'), "def derivatives",
      "derivatives() returns no fin_rate; it returns fin_rte, which is not declared; did you mean fin_rate?"),
     (('"integral": ops', '"integrl": ops'), "def sample", "returns integrl, which is not declared; did you mean "
-     "integral?; there is"),
+     "integral?; declared are"),
     (('"motor_current", "A", "motor current", 10.0', '"motor_current", "A", "motor current", 0.0'),
      "ACTUATOR = em.Actuator(", "motor_current has nominal 0; declare its order of magnitude"),
     (('real_output("motor_voltage", "V"', 'real_output("motor voltage", "V"'), "ACTUATOR = em.Actuator(",

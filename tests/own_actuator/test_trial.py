@@ -53,7 +53,7 @@ def stepped(folder: Path, result: str) -> Path:
 
 
 @pytest.mark.parametrize(("result", "says"), [
-    (STATES, "step() returns dict; return a mapping of states and the time that it has advanced"),
+    (STATES, "step() returns dict; return a mapping of states and the time [s] that the step has advanced"),
     (f"{STATES}, None", "step() returns the time of the step = None; return a number"),
 ])
 def test_what_a_step_returns(tmp_path: Path, result: str, says: str) -> None:
