@@ -278,10 +278,10 @@ class LinearActuator:
         """
         if name == "current":
             return self._current_loop()
-        commanded = name != "reference"
-        one_degree = {parameter: value for parameter, value in _ONE_DEGREE.items() if parameter in self.values}
-        if commanded and any(self.values[parameter] != value for parameter, value in one_degree.items()):
-            return LinearActuator({**self.values, **one_degree}, *self._at, self.model).loop(name)
+        others = {parameter: value for parameter, value in _ONE_DEGREE.items()
+                  if self.values.get(parameter, value) != value}
+        if others and name != "reference":
+            return LinearActuator({**self.values, **others}, *self._at, self.model).loop(name)
         blocks, opened = [self.controller, self.plant], [*self._links, ("measured_angle", "command")]
         if name == "position":
             return wire(blocks, opened, ["command"], ["measured_angle"])
