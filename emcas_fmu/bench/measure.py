@@ -6,7 +6,7 @@ the same value wherever it is shown.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -42,7 +42,7 @@ BISECTIONS = 6  # which locate a bandwidth within 3 parts in 1000
 LOOP_LOWEST, LOOP_POINTS = 0.05, 200  # lowest frequency [Hz] and number of frequencies, which give margins to 1e-6
 CYCLES, FITTED = 4.0, 0.15  # smallest number of fitted cycles of a sine, and their shortest duration [s]
 TRANSIENT = (2.0, 0.1)  # smallest number of cycles before the fit, and their shortest duration [s]
-USE, REST = 7.0, 4.0  # s, duration of the history of use and of the rest after it
+REST = 4.0  # s, duration of the rest after the history of use
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Test:
     @property
     def simulated(self) -> float:
         """The approximate simulated time in total [s]."""
-        each = {"linear": 0.0, "sine": 20.0, "repeat": USE + REST + 3.0 * self.duration}
+        each = {"linear": 0.0, "sine": 20.0, "repeat": len(_use("")) + REST + 3.0 * self.duration}
         return 2.0 * each.get(self.kind, self.settle + self.duration)
 
     def __str__(self) -> str:
@@ -203,21 +203,21 @@ def _among(runs: Runs, indices: Array, values: Any) -> Array:
 # -- repeat ----------------------------------------------------------------------
 
 
-def _use(test: Test, subject: Subject) -> Iterator[dict[str, Array]]:
-    """Yield the inputs of a history of use, second by second, as shares of the amplitude, torque and start values.
+def _use(supply: str) -> list[dict[str, Array]]:
+    """Return the inputs of each second of a history of use, as shares of the amplitude, torque and start values.
 
     It consists of one-sided cycles and a load near or beyond the stall torque, in each direction; disabling in motion;
-    a supply that breaks down; and commands that exceed the range and the fin's rate.
+    a breakdown of the input `supply`; and commands that exceed the range and the fin's rate.
     """
     phase = times(1.0)[:-1]
     one_sided = np.interp(phase % 0.5, [0.0, 0.15, 0.35, 0.5], [1.0, 1.0, 0.0, 0.0])
     square = np.sign(np.sin(6.0 * phase))
-    for sign in (1.0, -1.0):
-        yield {COMMAND: sign * one_sided}
-        yield {LOAD: np.where(phase < 0.9, sign, 0.0)}
-    yield {COMMAND: np.where(phase < 0.5, 0.75, -0.5), "enable": phase % 0.37 < 0.25, LOAD: 0.15 * square}
-    yield {COMMAND: square, subject.supply or "": np.where(phase % 0.4 < 0.2, 1.0, 0.3)}
-    yield {COMMAND: 3.0 * np.sin(8.0 * np.pi * phase), LOAD: -0.5 * square}
+    return [
+        {COMMAND: one_sided}, {LOAD: np.where(phase < 0.9, 1.0, 0.0)},
+        {COMMAND: -one_sided}, {LOAD: np.where(phase < 0.9, -1.0, 0.0)},
+        {COMMAND: np.where(phase < 0.5, 0.75, -0.5), "enable": phase % 0.37 < 0.25, LOAD: 0.15 * square},
+        {COMMAND: square, supply: np.where(phase % 0.4 < 0.2, 1.0, 0.3)},
+        {COMMAND: 3.0 * np.sin(8.0 * np.pi * phase), LOAD: -0.5 * square}]
 
 
 def _repeated(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]]) -> Array:
@@ -236,7 +236,7 @@ def histories(test: Test, subject: Subject, starts: Mapping[str, Any]) -> tuple[
 
     `starts` are start values of inputs, arrays [variants, 1] if they differ between variants.
     """
-    history = list(_use(test, subject))
+    history = _use(subject.supply or "")
     used = len(history) * round(1.0 / STEP)
     rows = used + round((REST + 3.0 * test.duration) / STEP) + 1
     scale = {COMMAND: test.amplitude, LOAD: test.torque}

@@ -24,9 +24,9 @@ class Extension:
     It `needs` capabilities of the actuator (:mod:`emcas_fmu.actuators.capabilities`); those that it `replaces` are not
     available to later extensions. `extend(actuator)` returns the actuator with more states and other equations, to
     which `parameters(actuator)`, `outputs`, `rules(actuator)` and `imperfections(actuator)` are appended. `references`
-    names the independent integrations that include the extension. If an actuator other than the default one has a value
-    above zero of the parameter `sized_for_default`, a warning names the defaults that are sized for the default
-    actuator.
+    names the independent integrations that include the extension. An extension in the path of the command names its
+    `command_switch`, the parameter that removes it at 0, since loops are opened without it; if an actuator other than
+    the default one has a value above 0, a warning names the values that are still those for the default actuator.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Extension:
     rules: Callable[[Actuator], tuple[Rule, ...]] = lambda actuator: ()
     imperfections: Callable[[Actuator], Mapping[str, Mapping[str, Any]]] = lambda actuator: {}
     references: tuple[str, ...] = ()
-    sized_for_default: str = ""
+    command_switch: str = ""
 
     def over(self, actuator: Actuator) -> Actuator:
         """Return the extended actuator."""

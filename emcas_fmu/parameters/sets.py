@@ -123,7 +123,7 @@ class ParameterSet:
 
     def _of_another_size(self, extension: str) -> str:
         """Return a warning if an extension in use has defaults of the default actuator's size; otherwise ""."""
-        switch, actuator = get_extension(extension).sized_for_default, parts(self.model)[0]
+        switch, actuator = get_extension(extension).command_switch, parts(self.model)[0]
         if not switch or actuator == NONLINEAR or not float(self.values[switch]) > 0.0:
             return ""
         left = [e.variable.name for e in self.entries if e.default and e.variable.name.startswith(f"{extension}.")]

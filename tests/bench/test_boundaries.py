@@ -23,7 +23,7 @@ from emcas_fmu.bench.excitation import (
     sweep,
     times,
 )
-from emcas_fmu.bench.measure import KINDS, REST, USE, Test, histories
+from emcas_fmu.bench.measure import KINDS, REST, Test, histories
 from emcas_fmu.bench.metrics import FIGURES
 from emcas_fmu.bench.requirements import Requirement, load_requirements
 from emcas_fmu.bench.subject import ParameterSubject
@@ -130,10 +130,11 @@ def test_a_test_without_settings(kind: str) -> None:
 
 
 def test_duration_of_the_history_of_use() -> None:
-    """The slews that are judged begin after the history of use and the rest."""
-    subject = ParameterSubject(load_parameters())
-    used, _ = histories(Test("repeat", 0.1, torque=1.0), subject, dict.fromkeys(subject.inputs, 0.0))
-    assert used.begin == pytest.approx(USE + REST, abs=2.0 * STEP)
+    """The slews that are judged begin after the history of use and the rest; both runs count as simulated time."""
+    subject, test = ParameterSubject(load_parameters()), Test("repeat", 0.1, torque=1.0)
+    used, _ = histories(test, subject, dict.fromkeys(subject.inputs, 0.0))
+    assert used.begin == pytest.approx(7.0 + REST, abs=2.0 * STEP)
+    assert test.simulated == pytest.approx(2.0 * (used.begin + 3.0 * test.duration), abs=4.0 * STEP)
 
 
 # A setting of a test in a file of requirements: least, most, and by how much beyond is refused.

@@ -23,7 +23,7 @@ from typing import Any
 import control as ct
 import numpy as np
 
-from ...actuators import NONLINEAR, capabilities, get, require
+from ...actuators import NONLINEAR, capabilities, get, get_extension, parts, require
 from ...control import command as bus
 from ...errors import EmcasError
 from ...namespace import with_values
@@ -41,8 +41,7 @@ LOOPS = {"current": (capabilities.CURRENT_LOOP, capabilities.DRIVE_STEP), "veloc
          "position": (capabilities.CASCADE,), "reference": (capabilities.POSITION_LOOP,)}
 """Loops by name, with the capabilities that each needs."""
 # One degree of freedom: the cascade depends only on the difference of command and measured angle.
-_ONE_DEGREE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 0.0,
-               "trajectory.natural_frequency": 0.0}
+_ONE_DEGREE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 0.0}
 _PORTS = (("command", "aero_torque"), ("fin_angle", "reference"))
 _MOST_GROWTH = 100.0  # natural logarithm of the largest growth of a mode within a sample
 _CONTROLLERS = ("the controllers do not react to a small deviation at rest (a dead band, switch or gain of 0 in "
@@ -278,7 +277,8 @@ class LinearActuator:
         """
         if name == "current":
             return self._current_loop()
-        others = {parameter: value for parameter, value in _ONE_DEGREE.items()
+        switches = (get_extension(extension).command_switch for extension in parts(self.model)[1])
+        others = {parameter: value for parameter, value in {**_ONE_DEGREE, **dict.fromkeys(switches, 0.0)}.items()
                   if self.values.get(parameter, value) != value}
         if others and name != "reference":
             return LinearActuator({**self.values, **others}, *self._at, self.model).loop(name)
