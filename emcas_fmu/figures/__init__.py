@@ -1,4 +1,4 @@
-"""Plots by Matplotlib for pages and files, and their curves as data for the pages' script."""
+"""Plots by Matplotlib for pages and image files, and their curves as data for the script curves.js of pages."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..errors import EmcasError
 
 IMAGES = (".svg", ".png", ".pdf")
 PICTURES = (".html", *IMAGES)
-"""Endings of plots: of images and of pages with them."""
+"""Endings of plots: of pages and of images."""
 
 
 def check_ending(path: Path | None) -> Path | None:

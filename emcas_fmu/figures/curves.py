@@ -1,7 +1,6 @@
-"""A figure as data: the lines, levels, bands and texts of its panels, for the script that lets a reader zoom.
+"""A figure as data for the script that lets a reader zoom: the lines, levels, bands, areas and texts of its panels.
 
-They are read from Matplotlib's axes. A figure that contains anything else (an image, bars, contours) stays a static
-picture.
+The data are read from Matplotlib's axes. A figure that contains anything else (an image, bars) stays a static picture.
 """
 
 from __future__ import annotations
@@ -104,7 +103,7 @@ class _Contents:
                        for axis in (axes.xaxis, axes.yaxis)]
 
     def add(self, artist: Artist) -> None:
-        """Add an artist. Raises _StaticError."""
+        """Add a line, rectangle or filled area. Raises _StaticError for any other artist."""
         if isinstance(artist, Line2D):
             self._line(artist)
         elif isinstance(artist, (Rectangle, PolyCollection)):
@@ -115,7 +114,7 @@ class _Contents:
     def _line(self, line: Line2D) -> None:
         x, y = (np.asarray(values, dtype=float) for values in line.get_data(orig=False))
         if not len(x):
-            return  # only an entry of the legend
+            return  # the line is only an entry of the legend
         entry = {**_look(line), "name": _name(line)}
         in_x, in_y = _in_data(line.get_transform(), self.axes)
         if in_x and in_y:
@@ -132,7 +131,7 @@ class _Contents:
             raise _StaticError
 
     def _points(self, x: Values, y: Values, markers: bool) -> dict[str, Any]:
-        """Return the points of a line: all in view with `markers`, a thinned line if x never falls, otherwise all."""
+        """Return a line's points: with `markers` those in view; otherwise all, thinned if x never falls."""
         (log_x, limits_x), (log_y, limits_y) = self.scales
         finite = np.isfinite(x) & np.isfinite(y) & ~((x <= 0.0) & log_x) & ~((y <= 0.0) & log_y)
         along, up = share(x, log_x, limits_x), share(y, log_y, limits_y)
@@ -149,7 +148,7 @@ class _Contents:
         return {name: packed(values, *scale) for name, values, scale in zip("xy", (x, y), self.scales, strict=True)}
 
     def _fill(self, artist: Rectangle | PolyCollection) -> None:
-        """Add a filled range of one axis, or an area between lines. Raises _StaticError."""
+        """Add a filled range of one axis (a band), or an area between lines. Raises _StaticError for a bar."""
         if isinstance(artist, Rectangle):
             paths = [artist.get_patch_transform().transform_path(artist.get_path())]
         else:
@@ -170,7 +169,7 @@ class _Contents:
 
 
 def _text(text: Any, axes: Axes) -> dict[str, Any]:
-    """Return a text with its position, in data or as a share of the panel. Raises _StaticError."""
+    """Return a text with its position, in data or as a share of the panel. Raises _StaticError otherwise."""
     x, y = text.get_position()
     words = {"text": text.get_text(), "align": text.get_ha(), "base": text.get_va(), "color": _color(text)}
     if hasattr(text, "xyann") or text.get_rotation():
@@ -183,7 +182,7 @@ def _text(text: Any, axes: Axes) -> dict[str, Any]:
 
 
 def _in_data(transform: Transform, axes: Axes) -> tuple[bool, bool]:
-    """Return for x and for y whether a transform maps data to the screen."""
+    """Return whether x and whether y of a transform's input are in data units."""
     x, y = transform.contains_branch_seperately(axes.transData)
     return bool(x), bool(y)
 
@@ -197,7 +196,7 @@ def _color(artist: Any) -> str:
 
 
 def _look(line: Line2D) -> dict[str, Any]:
-    """Return colour of a line, and width, dashes and marker [pixels]. Raises _StaticError for an invisible line."""
+    """Return a line's colour, width, dashes and marker size [pixels]. Raises _StaticError for an invisible line."""
     look: dict[str, Any] = {"color": _color(line), "width": round(line.get_linewidth() * _PIXELS, 2)}
     marker = line.get_marker()
     if line.get_linestyle() in ("None", "none", " ", ""):
@@ -222,6 +221,6 @@ def _name(artist: Artist) -> str:
 
 
 def _legend(plot: Figure) -> list[str]:
-    """Return the labels in the order of the legends."""
+    """Return the labels of a figure's legends, in order."""
     legends = [*plot.legends, *filter(None, (axes.get_legend() for axes in plot.axes))]
     return list(dict.fromkeys(text.get_text() for legend in legends for text in legend.get_texts()))

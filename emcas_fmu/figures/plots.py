@@ -1,7 +1,7 @@
 """The style of all pictures, and figures as inline SVG: the same figure gives the same bytes.
 
-Figures are made without pyplot, so that no global state changes. In a figure made in `style()`, frame and text take
-the text colour of the page, so that one picture serves light pages, dark pages and print.
+Figures are made without pyplot, which has global state. In a figure made in `style()`, frame and text have the text
+colour of the page: one picture serves light pages, dark pages and print.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _STYLE: Mapping[str, Any] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Apply the common style to figures made inside; restore matplotlib's settings at the end."""
+    """Apply the common style to figures made within the context."""
     with mpl.rc_context(), mpl.style.context(["default", {**_STYLE, "axes.prop_cycle": cycler(color=COLORS)}]):
         yield
 
@@ -63,8 +63,8 @@ def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2
            y: Iterable[str] = (), **more: Any) -> tuple[Figure, Any]:
     """Return a figure and its grid of axes as an array; call it inside `style()`.
 
-    `width` and the `height` of a row are in inches. `x` labels the columns, below; `y` the rows, at the left. `more`
-    are arguments of matplotlib's subplots.
+    `width` is that of the figure, `height` that of a row, in inches. `x` is the label below each column, `y` are the
+    labels at the left of the rows. `more` are arguments of Matplotlib's subplots.
     """
     empty = Figure(figsize=(width, height * rows), layout="constrained")
     grid = empty.subplots(rows, columns, squeeze=False, **more)
@@ -76,30 +76,29 @@ def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2
 
 
 def column(*y: str, x: str = "", **more: Any) -> tuple[Figure, Any]:
-    """Return a figure of panels labelled `y`, one above the other over the same `x`, and its axes; see `figure`."""
+    """Return a figure with a panel for each label `y`, one above the other over `x`, and their axes; see `figure`."""
     empty, grid = figure(len(y), x=x, y=y, **{"sharex": True, **more})
     return empty, grid[:, 0]
 
 
 def panels(count: int, columns: int, x: str = "", **more: Any) -> tuple[Figure, list[Any]]:
-    """Return a figure of `count` panels in rows of `columns`, and their axes, with `x` below each column; see `figure`.
-    """
+    """Return a figure of `count` panels in rows of `columns`, with `x` below each column, and axes; see `figure`."""
     empty, grid = figure(-(-count // columns), columns, **more)
     for axes in grid.flat[count:]:
         axes.set_visible(False)
     for axes in grid.flat[max(count - columns, 0):count]:
-        axes.tick_params(labelbottom=True)  # also where the axes share x
+        axes.tick_params(labelbottom=True)  # where axes share x, only the last row has them
         axes.set_xlabel(x)
     return empty, list(grid.flat[:count])
 
 
 def time_axis(duration: float) -> tuple[str, float]:
-    """Return the label of a time axis for a `duration` [s], in ms up to 1 s, and its number of units per second."""
+    """Return the label of a time axis, in ms up to a `duration` of 1 s, otherwise in s, and its units per second."""
     return ("time [ms]", 1e3) if duration <= 1.0 else ("time [s]", 1.0)
 
 
 def limits(axes: Axes, *levels: float, sides: bool = False, across: bool = True, **look: Any) -> None:
-    """Plot levels as limits: horizontal lines if `across`, otherwise vertical, with `sides` also at -level.
+    """Plot a limit at each of the `levels`, with `sides` also at -level: a horizontal line if `across`, else vertical.
 
     `look` are line properties that override `LIMIT`.
     """
@@ -108,16 +107,13 @@ def limits(axes: Axes, *levels: float, sides: bool = False, across: bool = True,
 
 
 def svg(plot: Figure, label: str = "", description: str = "") -> str:
-    """Return an <svg> element for an HTML page; `label` and `description` are for screen readers.
-
-    The call fixes the figure's layout.
-    """
+    """Return a figure as <svg> element; `label` and `description` are for screen readers. The layout is then fixed."""
     text = StringIO()
     for axis in (axis for axes in plot.axes for axis in (axes.xaxis, axes.yaxis)):
         if isinstance(axis.get_major_formatter(), LogFormatterMathtext):  # formulas need fonts that may be missing
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(LogFormatter())
-    if layout := plot.get_layout_engine():  # matplotlib would render the figure twice to lay it out
+    if layout := plot.get_layout_engine():  # Matplotlib would render the whole figure twice for it
         FigureCanvasSVG(plot)  # text sizes are those of SVG
         layout.execute(plot)
         plot.set_layout_engine(None)
@@ -128,7 +124,7 @@ def svg(plot: Figure, label: str = "", description: str = "") -> str:
     body = re.sub(r"\s*<metadata>.*?</metadata>|<!--.*?-->", "", body, flags=re.DOTALL)
     # A hundredth of a point is finer than a printer's resolution.
     body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path.group()), body)
-    # The element declares the fonts once; each text keeps only its size.
+    # The <svg> element declares the fonts once; each text keeps only its size.
     body = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font-size: \1", body)
     body = re.sub(r"font-family: [^;\"]*;? ?", "", body)
     body = _unique_ids(body).replace(INK, "currentColor").replace(BLUE, "var(--blue)")  # lighter on a dark page
@@ -160,14 +156,14 @@ def picture(plot: Figure, title: str, caption: str) -> Picture:
 
 
 def pictures(drawings: Iterable[Drawing | None]) -> list[Picture]:
-    """Return the pictures of the drawings that are not None. A generator makes its drawings in `style()`."""
+    """Return the pictures of the drawings that are not None. Drawings from a generator are made in `style()`."""
     with style():
         return [picture(d.figure, d.title, d.caption) for d in drawings if d is not None]
 
 
 def bode(gain: Axes, phase: Axes, frequency: Any, gain_db: Any, phase_deg: Any, marks: tuple[float, float],
          **look: Any) -> None:
-    """Plot gain [dB] and phase [deg] over frequency [Hz], with dots at the frequencies `marks` of -3 dB and -90 deg."""
+    """Plot gain [dB] and phase [deg] over frequency [Hz]; dots are at `marks`, the frequencies of -3 dB and -90 deg."""
     gain.semilogx(frequency, gain_db, **look)
     phase.semilogx(frequency, phase_deg, **look)
     for axes, at, level in zip((gain, phase), marks, (-3.0, -90.0), strict=True):
@@ -175,7 +171,7 @@ def bode(gain: Axes, phase: Axes, frequency: Any, gain_db: Any, phase_deg: Any, 
 
 
 def bode_axes(gain: Axes, phase: Axes) -> None:
-    """Set labels and ranges of the panels of a Bode plot, with lines at -3 dB and -90 deg."""
+    """Set labels and ranges of a Bode plot's two panels, and plot lines at -3 dB and -90 deg."""
     limits(gain, -3.0)
     limits(phase, -90.0)
     gain.set(ylabel="gain [dB]", ylim=(-12, 3))
@@ -193,8 +189,8 @@ def frequency_responses(curves: Iterable[tuple[Any, tuple[float, float], Mapping
                         required: Iterable[float] = ()) -> Figure:
     """Return a figure of gain, phase and coherence over frequency.
 
-    Each of the `curves` has a response (`bench.frequency_response`), its frequencies [Hz] of -3 dB and -90 deg, which
-    get dots, and line properties. Vertical lines are at the `required` bandwidths [Hz].
+    Each of the `curves` has a response (`bench.frequency_response`), its frequencies [Hz] of -3 dB and -90 deg, and
+    line properties; dots mark the frequencies. Vertical lines are at the `required` bandwidths [Hz].
     """
     plot, (gain, phase, coherence) = column("", "", "coherence", height=1.9, height_ratios=(1.3, 1.3, 0.8))
     for response, marks, look in curves:
@@ -214,7 +210,7 @@ def frequency_responses(curves: Iterable[tuple[Any, tuple[float, float], Mapping
 
 
 def legend(owner: Axes | Figure, **more: Any) -> None:
-    """Add a legend to axes or a figure: each label once, in the order of plotting, but upper layers first."""
+    """Add a legend to axes or a figure: each label once, upper layers first, then in the order of plotting."""
     entries: dict[str, Any] = {}
     for axes in owner.axes if isinstance(owner, Figure) else [owner]:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -224,8 +220,10 @@ def legend(owner: Axes | Figure, **more: Any) -> None:
 
 
 def legend_above(owner: Axes | Figure, columns: int = 6, **more: Any) -> None:
-    """Add a legend above a panel, or above all panels of a figure, where it cannot hide anything."""
-    # A legend wider than its panel belongs to the figure: it would widen the panel's column.
+    """Add a legend above a panel, or above all panels of a figure, where it hides nothing.
+
+    A legend wider than a panel must be the figure's: it would widen the panel's column.
+    """
     position: dict[str, Any] = {"loc": "outside upper left"} if isinstance(owner, Figure) else {
         "loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2}
     legend(owner, ncols=columns, handlelength=1.8, columnspacing=1.4, **position, **more)
@@ -245,7 +243,7 @@ def shade(axes: Axes, time: Any, active: Any, label: str = "") -> None:
 
 
 def _unique_ids(body: str) -> str:
-    """Remove ids without a reference and make the others unique to the figure: a page has several figures."""
+    """Remove unused ids and make the others unique to the figure, since a page has several figures."""
     used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', body))
     mark = hashlib.sha256(body.encode()).hexdigest()[:8]
     body = re.sub(r' id="([^"]+)"', lambda m: f' id="{mark}-{m[1]}"' if m[1] in used else "", body)

@@ -1,4 +1,4 @@
-"""Curves in few characters: lines are thinned, and numbers rounded, to the resolution of a screen."""
+"""Curves in few characters: lines are thinned and numbers rounded to the resolution of a screen."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ def rounded(value: float, digits: int = 6) -> float:
 
 
 def share(values: Values, log: bool, limits: Sequence[float]) -> Values:
-    """Return positions [-] of values along an axis, 0 and 1 at its `limits` in the same unit; `log`: logarithmic."""
+    """Return positions [1] of values along an axis: 0 and 1 at its `limits` [unit of the values], logarithmic if `log`.
+    """
     low, high = (np.log10(limits) if log else np.asarray(limits, dtype=float))
     with np.errstate(divide="ignore", invalid="ignore"):
         shares: Values = ((np.log10(values) if log else values) - low) / ((high - low) or 1.0)
@@ -31,8 +32,8 @@ def share(values: Values, log: bool, limits: Sequence[float]) -> Values:
 def thinned(x: Values, y: Values, finite: NDArray[np.bool_]) -> list[int]:
     """Return the indices of the points that reproduce a line within the resolution (swinging door); x must not fall.
 
-    `x` and `y` are shares [1] of the axes. Points outside 0 <= x <= 1 are dropped, except the nearest on each side; for
-    each gap between finite points one index remains.
+    `x` and `y` are shares [1] of the axes. Points outside 0 <= x <= 1 are dropped, except the nearest on each side. Of
+    the points that are not finite, one remains in each gap.
     """
     inside = np.flatnonzero((x >= 0.0) & (x <= 1.0) & finite)
     if not len(inside):
@@ -49,7 +50,7 @@ def thinned(x: Values, y: Values, finite: NDArray[np.bool_]) -> list[int]:
 def _thinned_piece(x: Values, y: Values, begin: int, end: int) -> list[int]:
     """Return the indices to keep among the finite points `begin` to `end` - 1."""
     kept = [begin]
-    low, high = -inf, inf  # slopes from the last kept point that pass all later points
+    low, high = -inf, inf  # range of the slopes of lines from the last kept point that pass all points after it
     at, up = x.tolist(), y.tolist()
     for i in range(begin + 1, end):
         along = at[i] - at[kept[-1]]
@@ -67,9 +68,10 @@ def _thinned_piece(x: Values, y: Values, begin: int, end: int) -> list[int]:
 
 
 def packed(values: Values, log: bool, limits: Sequence[float]) -> list[Any]:
-    """Return values for JSON, None where they are not finite: on a logarithmic axis as numbers of five digits.
+    """Return values for JSON, with None for values that are not finite.
 
-    On a linear axis the list has the number of decimals, then the differences of neighbours in units of the last one.
+    On a logarithmic axis (`log`) they are numbers of five digits. On a linear axis with these `limits` the list has a
+    number of decimals, then the difference of each value from the one before it, in units of the last decimal.
     """
     if log:
         return [rounded(value, 5) if isfinite(value) else None for value in values.tolist()]

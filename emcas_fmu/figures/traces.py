@@ -17,12 +17,12 @@ SHOWN: Mapping[str, tuple[str, float]] = {
     "error": ("error [mdeg]", degrees(1e3)), "fin_rate": ("fin rate [deg/s]", degrees(1.0)),
     "aero_torque": ("moment [N.m]", 1.0), "drive_reference": ("DAC [V]", 1.0), "motor_current": ("current [A]", 1.0),
     "motor_voltage": ("voltage [V]", 1.0), "supply_voltage": ("voltage [V]", 1.0), "supply_power": ("power [W]", 1.0)}
-"""By variable, the label of its panel and the factor from SI to the unit in the label."""
-_MOST_POINTS = 6000  # of a line: more than a page has pixels
+"""The label of each variable's panel, and the factor from SI to the unit in the label."""
+_MOST_POINTS = 6000  # of a line: more than the pixels across a page
 
 
 def panels(names: Sequence[str], columns: int = 1, **more: Any) -> tuple[Figure, list[dict[str, Axes]]]:
-    """Return a figure with a row of panels for each variable, and for each column its panels by name.
+    """Return a figure with a row of panels for each variable, and the panels of each column by the variables' names.
 
     `more` are arguments of `plots.figure`.
     """
@@ -33,10 +33,9 @@ def panels(names: Sequence[str], columns: int = 1, **more: Any) -> tuple[Figure,
 
 def trace(axes: Axes, columns: Mapping[str, Any], name: str, window: tuple[float, float] = (-inf, inf), *,
           zero: float = 0.0, unit: float = 1.0, every: int = 1, **look: Any) -> None:
-    """Plot a variable over the time since `zero` [s], within a `window` [s] of ``time``.
+    """Plot a variable over ``time`` minus `zero` [s], within a `window` [s] of ``time``; a command is plotted in steps.
 
-    `every` is the least number of rows between plotted points. `unit` is the number of units of the time axis in a
-    second. A command is plotted in steps.
+    `unit` is the number of units of the time axis in a second. At most every `every`-th row is plotted.
     """
     at = _within(columns, window)
     at = at[::max(every, len(at) // _MOST_POINTS)]
@@ -52,5 +51,5 @@ def shade(axes: Axes, columns: Mapping[str, Any], flag: str, window: tuple[float
 
 
 def _within(columns: Mapping[str, Any], window: tuple[float, float]) -> Any:
-    """Return the indices of the rows within a window [s], including its ends."""
+    """Return the indices of the rows within a window [s] that includes its ends."""
     return np.flatnonzero((columns["time"] >= window[0] - 1e-9) & (columns["time"] <= window[1] + 1e-9))

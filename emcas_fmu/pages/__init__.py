@@ -6,5 +6,5 @@
     terminal.py    tables on the terminal
     provenance.py  how a page was made: command, files, hashes, date
     credibility.py the credibility card of an FMU or report: facts about a model, and checks that were not done
-    curves.js      plots the curves of a figure with uPlot; draw.js, the functions that the explorer uses, too
+    curves.js      plots the curves of a figure with uPlot, by the functions of draw.js, which the explorer also uses
 """

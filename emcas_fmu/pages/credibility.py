@@ -1,7 +1,7 @@
 """The credibility card of a model: its use, its limits, facts about it, and checks that were not done.
 
 The factors are those of NASA-STD-7009A (2016); the card claims none of the standard's levels. A fact is computed when
-the card is made, or read from the parameter files. A missing fact has the command that determines it, if there is one.
+the card is made, or read from the parameter files. If a command determines the fact, the card names it.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ CONVERGENCE, TEST_INPUTS = "accuracy of the stepping, checked with a shorter tic
 
 @dataclass(frozen=True)
 class Fact:
-    """A fact that `what` names, with its `value` in `unit` or in words, and the `names` of parameters that it concerns.
+    """A fact: its name `what`, its `value` in `unit` or in words, and the `names` of the parameters concerned.
 
-    `command` determines the fact; it is empty if no command does. The value is NOT_DONE if it was not determined.
+    `command` determines the fact; it is empty if no command does. The value of an undetermined fact is NOT_DONE.
     """
 
     what: str
@@ -70,7 +70,7 @@ class Card:
 
     @property
     def rows(self) -> list[tuple[str, Fact]]:
-        """The facts; the first fact of a factor has the name of the factor, the others an empty one."""
+        """The facts, each after the name of its factor, which is empty except at the factor's first fact."""
         return [(factor.name * (not k), fact) for factor in self.factors for k, fact in enumerate(factor.facts)]
 
     @property
@@ -79,7 +79,7 @@ class Card:
         return [fact.what for _, fact in self.rows if fact.value == NOT_DONE]
 
     def having(self, name: str, *facts: Fact) -> Card:
-        """Return the card with `facts` in the factor `name`; one with the same `what` keeps only its command."""
+        """Return the card with `facts` in the factor `name`; they replace facts of the same `what` but not commands."""
         new = {fact.what: fact for fact in facts}
 
         def updated(factor: Factor) -> Factor:
@@ -94,7 +94,7 @@ class Card:
 
 
 def read(content: bytes) -> Card | None:
-    """Return the card from a JSON file's content, None if its layout is another. Raises ValueError if it is damaged."""
+    """Return the card from the content of its JSON file, None for another `schema`. Raises ValueError if damaged."""
     try:
         document = json.loads(content)
         return TypeAdapter(Card).validate_json(content, strict=True) if document["schema"] == SCHEMA else None
@@ -106,8 +106,8 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
          compared: Sequence[Fact] = ()) -> Card:
     """Return the card of fins with these parameters; `fmu` is the file's name, empty for parameters alone.
 
-    `configuration` are additional facts for management, `compared` comparisons with an independent reference, whose
-    commands are added here.
+    `configuration` are additional facts on management. `compared` are facts on comparisons with references; they get
+    the command of ``emcas validate``.
     """
     model = sets[0].model
     actuator, extensions = parts(model)
@@ -116,8 +116,8 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
     files = (f"--parameters {shlex.quote(file)}" for file in dict.fromkeys(
         s.file for p in sets for s in repeatable(p).sources if s.sha256))
     settings = "".join(f" {each}" for each in (*([option] if model != NONLINEAR else ()), *files))
-    own = f" {option}" if source else ""
-    make, article = f"emcas build{settings} --output A.fmu; ", shlex.quote(fmu or "A.fmu") + own
+    external = f" {option}" if source else ""
+    build, article = f"emcas build{settings} --output A.fmu; ", shlex.quote(fmu or "A.fmu") + external
     identified = {e.variable.name: e.note for p in sets for e in p.entries if e.source == IDENTIFIED}
     with_sigma = tuple(name for name, note in identified.items() if "1 sigma" in note)
     records = list(dict.fromkeys(record[1:] for p in sets for record in p.measured))
@@ -127,8 +127,8 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
                        *([] if compared else [Fact(
                            "comparison with an independent integration", NOT_DONE,
                            note="" if integrated else "this actuator has none",
-                           command=f"{make}emcas validate A.fmu{own}" if integrated else "")]),
-                       Fact(CONVERGENCE, NOT_DONE, command=f"{'' if fmu else make}emcas report {article}"),
+                           command=f"{build}emcas validate A.fmu{external}" if integrated else "")]),
+                       Fact(CONVERGENCE, NOT_DONE, command=f"{'' if fmu else build}emcas report {article}"),
                        Fact("Python against native FMU", NOT_DONE, command=
                             "emcas baseline record PYTHON.fmu; emcas baseline check NATIVE.fmu")],
         VALIDATION: [*(Fact(f"record {name}", use or "parameters were identified from it",
@@ -159,7 +159,7 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
 
 
 def _sources(sets: Sequence[ParameterSet], settings: str) -> Iterator[Fact]:
-    """Yield the number of parameters from each source, and the identified values; equal ones of several fins once."""
+    """Yield the number of parameters from each source, then the identified values; fins with equal facts share them."""
     counted: dict[tuple[str, tuple[str, ...]], list[int]] = {}
     identified: dict[tuple[str, float, str, str], list[int]] = {}
     for fin, p in enumerate(sets, 1):

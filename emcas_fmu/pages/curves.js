@@ -2,11 +2,11 @@
 /* Pictures of a page as uPlot charts: zoom by dragging, values under the cursor, curves switched on and off by name.
    Without this script, and in print, the page shows the static pictures. */
 const INCH = 112;  // pixels of the page per inch of the picture
-const NEAR = 40;  // pixels between cursor and closed curve within which a point of the curve is shown
+const NEAR = 40;  // largest distance [pixels] from the cursor of a point whose coordinates are shown
 const MOST_READ = 14;  // most values shown under the cursor
 const BLUE = "#0072b2";  // the only colour of pictures that is too dark for a dark page
 
-/** The values of a column packed as decimals and differences, or as numbers along a logarithmic axis. */
+/** The values of a column that was packed by figures/thinning.py: decimals and differences, or numbers if `log`. */
 function unpacked(packed, log) {
     if (log) return packed;
     const unit = 10 ** -packed[0];
@@ -61,7 +61,7 @@ function interpolated({x, y}, at, {log, range}) {
     return shown(Number(value.toFixed(Math.min(Math.max(digits, 0), 12))));
 }
 
-/** The coordinates, as text, of the point of a closed curve nearest to the cursor; null if none is near. */
+/** The coordinates, as text, of the point nearest to the cursor; null if none is near. */
 function nearest(u, {x, y}, left, top) {
     let best = NEAR, label = null;
     x.forEach((at, i) => {
@@ -72,7 +72,7 @@ function nearest(u, {x, y}, left, top) {
     return label;
 }
 
-/** The function that builds a line's path, in pixels of the canvas, with dots at its points if it has markers. */
+/** A function that builds a line's path [pixels of the canvas], with a dot at each point if it has markers. */
 function path({width, marker = 0, hollow}) {
     return (u, k) => {
         const [xs, ys] = u.data[k], stroke = new Path2D(), fill = new Path2D(), dots = hollow ? stroke : fill;
@@ -229,7 +229,7 @@ class Panel {
         this.plot.setScale(which, {min, max});
     }
 
-    /** Shows the values under the cursor; for a closed curve, those of its nearest point. */
+    /** Shows each curve's value at the cursor; for dots, and a curve along which x falls, the nearest point. */
     tell(u) {
         const {left, top, event} = u.cursor, {lines, y} = this.data;
         this.read.hidden = !(left >= 0 && event && u.over.contains(event.target));

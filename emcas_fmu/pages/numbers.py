@@ -7,7 +7,7 @@ from math import isfinite
 
 
 def rounded(value: float, form: str) -> str:
-    """Return a number as text in a format such as ``+.3f``: 0 has no sign, inf and nan are a dash."""
+    """Return a number as text in a format such as ``+.3f``. Zeros have no sign; inf and nan are a dash."""
     if not isfinite(value):
         return "–"
     text = format(value, form)
@@ -15,7 +15,7 @@ def rounded(value: float, form: str) -> str:
 
 
 def number(value: float | bool | None) -> str:
-    """Return a figure as text: four significant digits, or whole numbers from 1e4 on.
+    """Return a figure as text: with four significant digits, from 1e4 as a whole number.
 
     None and nan are a dash, inf is ``not reached``, a bool ``yes`` or ``no``.
     """
@@ -29,7 +29,7 @@ def number(value: float | bool | None) -> str:
 
 
 def beside(value: float | bool | None, limit: float) -> str:
-    """Return a figure as `number` does, with more digits where four do not distinguish it from its limit."""
+    """Return a figure as `number` does, with more digits if four do not distinguish it from its `limit`."""
     text = number(value)
     if value is None or not isfinite(value) or value == limit:
         return text
@@ -47,8 +47,8 @@ def percent(share: float) -> str:
 def with_unit(value: float | bool | None, unit: str, limit: float | None = None) -> str:
     """Return a figure with its unit, typeset; times below 1 s are in ms.
 
-    With a `limit`, in `unit`, it has the digits that distinguish it from the limit. An angle below 1e-9 deg is shown as
-    0: doubles near 20 deg are 4e-15 deg apart, and a simulation adds up the rounding of some thousands of steps.
+    With a `limit` [`unit`], the figure has enough digits to differ from the limit. An angle below 1e-9 deg is shown as
+    0: doubles near 20 deg are 4e-15 deg apart, and the rounding of some thousands of steps adds up.
     """
     if unit == "deg" and value and abs(value) < 1e-9:
         value = 0.0
@@ -61,6 +61,6 @@ def with_unit(value: float | bool | None, unit: str, limit: float | None = None)
 
 
 def typeset(unit: str) -> str:
-    """Return a unit as pages show it: ``°`` for deg, ``·`` for the dot, ``²`` for 2; empty for 1."""
+    """Return a unit as pages show it, with ``°`` for deg, ``·`` for the dot and ``²`` for 2; empty for 1."""
     raised = re.sub(r"(?<=[A-Za-z)])[23]", lambda digit: "²³"[int(digit[0]) - 2], unit).replace(".", "·")
     return {"1": "", "deg": "°", "deg/s": "°/s", "degC": "°C"}.get(unit, raised)

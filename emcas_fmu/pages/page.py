@@ -22,8 +22,8 @@ from .provenance import Source, made
 
 _SCRIPTS = {"uplot": "uplot/uPlot.iife.min.js", "uplot_style": "uplot/uPlot.min.css",
             "uplot_licence": "uplot/LICENSE", "draw_script": "draw.js", "curves_script": "curves.js"}
-_LONG = 4  # headings from which a page has a list of contents
-_MOST_LISTED = 40  # headings up to which the list contains h3, too
+_FEWEST_LISTED = 4  # headings from which a page has a list of contents
+_MOST_LISTED = 40  # headings up to which the list includes h3
 
 
 def stated(value: float | bool, unit: str, name: str = "") -> Markup:
@@ -38,43 +38,36 @@ def code(text: str) -> Markup:
 
 
 def prose(text: str) -> Markup:
-    """Return a docstring or note as HTML.
-
-    Names between backticks become code, without a Sphinx role and the package's name.
-    """
+    """Return a docstring or note as HTML: text between backticks becomes code, without Sphinx role and package name."""
     return Markup(re.sub(r"(?::\w+:)?(`{1,2})(?:emcas_fmu\.)?(.+?)\1", r"<code>\2</code>", str(escape(text))))
 
 
-def css_text(text: str) -> str:
+def css_text(text: str) -> Markup:
     """Return a text escaped for a quoted string of a style sheet: it ends neither the string nor the element."""
-    return re.sub(r"[^\w .,+-]", lambda found: f"\\{ord(found[0]):x} ", text)
+    return Markup(re.sub(r"[^\w .,+-]", lambda found: f"\\{ord(found[0]):x} ", text))
 
 
 @cache
 def environment() -> Environment:
     """Return Jinja's environment for the templates, with their filters for numbers, names and units."""
-    made = Environment(loader=PackageLoader("emcas_fmu", ""), undefined=StrictUndefined, trim_blocks=True,
+    jinja = Environment(loader=PackageLoader("emcas_fmu", ""), undefined=StrictUndefined, trim_blocks=True,
                        lstrip_blocks=True, autoescape=select_autoescape(["html.j2", "xml.j2"]))
-    made.filters.update(number=lambda value: number(value).replace("-", "−"), quantity=with_unit, unit=typeset,
+    jinja.filters.update(number=lambda value: number(value).replace("-", "−"), quantity=with_unit, unit=typeset,
                         percent=percent, beside=lambda value, limit: beside(value, limit).replace("-", "−"),
                         rounded=lambda value, form: rounded(value, form).replace("-", "−"))
-    made.filters.update(code=code, prose=prose)
-    made.filters["breakable"] = lambda name: Markup("_<wbr>").join(name.split("_"))
-    made.filters["right"] = lambda names: [Markup(">") + name for name in names]  # columns of numbers
-    made.filters["css"] = lambda text: Markup(css_text(text))
-    made.filters["outlined"] = lambda body: Markup(outlined(str(body)))  # the body is escaped already
-    made.tests["tuple"] = lambda row: type(row) is tuple  # not a named tuple
-    made.globals.update(version=__version__, applies=APPLIES, **{
+    jinja.filters.update(code=code, prose=prose, css=css_text)
+    jinja.filters["breakable"] = lambda name: Markup("_<wbr>").join(name.split("_"))
+    jinja.filters["right"] = lambda names: [Markup(">") + name for name in names]  # columns of numbers
+    jinja.filters["outlined"] = lambda body: Markup(outlined(str(body)))  # the body is escaped already
+    jinja.tests["tuple"] = lambda row: type(row) is tuple  # not a named tuple
+    jinja.globals.update(version=__version__, applies=APPLIES, **{
         name: files("emcas_fmu.pages").joinpath(file).read_text(encoding="utf-8") for name, file in _SCRIPTS.items()})
-    made.globals["m"] = made.get_template("pages/macros.html.j2").module  # the blocks that pages are made of
-    return made
+    jinja.globals["m"] = jinja.get_template("pages/macros.html.j2").module  # the blocks that pages are jinja of
+    return jinja
 
 
 def page(template: str | Path, **context: Any) -> str:
-    """Return the page of a template: a name relative to the package (``studies/report/page.html.j2``) or a file's path.
-
-    The same context gives the same text.
-    """
+    """Return the page of a template: a name in the package (``studies/report/page.html.j2``) or the path of a file."""
     jinja = environment()
     if isinstance(template, Path):
         return jinja.from_string(template.read_text("utf-8")).render(**context)
@@ -85,11 +78,10 @@ def write_page(path: Path, template: str | Path, of: Iterable[ParameterSet | Sou
                **context: Any) -> None:
     """Write the page of a template that extends ``pages/base.html.j2``; see `page`.
 
-    The page ends with its provenance: its sources, `of`, and the `date`, by default today.
+    The page ends with its provenance: the sources `of` which it is made, and the `date`, by default today.
     """
     how = made(*of)
-    text = page(template, made=replace(how, date=date) if date else how, **context)
-    write(path, text)
+    write(path, page(template, made=replace(how, date=date or how.date), **context))
 
 
 def _words(html: str) -> str:
@@ -98,9 +90,9 @@ def _words(html: str) -> str:
 
 
 def outlined(body: str) -> str:
-    """Return a page's body with numbered figures and tables, and in a long page a list of contents before the first h2.
+    """Return a page's body with numbered figures and tables; a long body gets a list of contents before the first h2.
 
-    Boxes in which a table scrolls can have the keyboard's focus; their label is the table's caption.
+    The box in which a table scrolls gets keyboard focus, and the table's caption as its label.
     """
     for element, word in (("figcaption", "Figure"), ("caption", "Table")):
         first, *others = body.split(f"<{element}>")
@@ -116,7 +108,7 @@ def outlined(body: str) -> str:
         return f'<h{level} id="{name}">{text}</h{level}>'
 
     body = re.sub(r'<h([23])(?: id="([^"]*)")?>(.*?)</h\1>', listed, body, flags=re.DOTALL)
-    if len(headings) < _LONG:
+    if len(headings) < _FEWEST_LISTED:
         return body
     deep = len(headings) <= _MOST_LISTED
     entries = "".join(

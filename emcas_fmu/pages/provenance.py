@@ -30,7 +30,7 @@ def made_by(arguments: Sequence[str]) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Source:
-    """A source of a page: a `file` and its hash, the hash of all values, and names of values `changed` afterwards."""
+    """A source of a page: a `file`, its hash, the hash of all values, and the names of values `changed` afterwards."""
 
     what: str
     file: str
@@ -42,7 +42,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Made:
-    """How a page was made; `command` is empty for a Python program."""
+    """How a page was made; `command` is empty if a Python program made it."""
 
     sources: tuple[Source, ...]
     command: str
@@ -56,9 +56,9 @@ def made(*of: ParameterSet | Source) -> Made:
 
 
 def repeatable(*fins: ParameterSet) -> Made:
-    """Return the provenance of a page about fins with these parameters, the same at every build.
+    """Return provenance that is the same at every build, without date, command and folders.
 
-    It has no date, no command and no folders. The sources of several fins have the numbers of the fins, from 1.
+    `fins` are the parameters of each fin. With several fins, each source has the number of its fin, from 1.
     """
     sources = [replace(source, file=PurePath(source.file).name, what=source.what + f" of fin {n}" * (len(fins) > 1),
                        model=source.model if n == len(fins) else "")

@@ -13,11 +13,11 @@ from rich.text import Text
 
 from .numbers import number
 
-_SHORT = 10  # characters; words up to this length are broken only after longer ones, numbers never
+_SHORT = 10  # characters: longer words are broken before shorter ones; numbers are never broken
 
 
 class _Fitting(Table):
-    """A table that folds its longest texts to the terminal's width, those of the columns `whole` last."""
+    """A table that narrows its widest columns to fit the terminal, the columns `whole` last."""
 
     whole: Collection[int] = ()
 
@@ -42,10 +42,10 @@ class _Fitting(Table):
 
 def table(columns: Iterable[str], rows: Iterable[Iterable[Any] | None], title: str = "", whole: Collection[int] = (),
           plain: bool = False) -> Table:
-    """Return a table of texts and numbers with four digits; a cell None is a dash, a row None a line.
+    """Return a table; numbers have four digits, a cell None is a dash, a row None a line between sections.
 
-    Columns whose name begins with ">" are aligned to the right. A narrow terminal cuts nothing: it folds texts
-    between words and within long names, those of the columns in `whole` (indices) last. A `plain` table has no frame.
+    Columns whose name begins with ">" are aligned to the right. Texts that are too wide for the terminal are folded,
+    between words or within long names, and last in the columns `whole` (indices). A `plain` table has no frame.
     """
     made = _Fitting(title=title or None, title_justify="left", box=SIMPLE_HEAD if plain else HEAVY_HEAD,
                     padding=(0, 1, 0, 0) if plain else (0, 1), pad_edge=not plain)
