@@ -51,8 +51,8 @@ TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome], tuple[Quantity, ...]]] 
 class Result:
     """The result of an acceptance test.
 
-    `load` is the rated hinge moment [N.m] of the tests; `loads` are those of the requirements, by the requirements'
-    names.
+    `load` is the rated hinge moment [N.m] of the tests; `loads` are the moments [N.m] of requirements, by the names of
+    the requirements.
     """
 
     about: Identification
@@ -66,12 +66,12 @@ class Result:
 
     @property
     def load_note(self) -> str:
-        """The loads of requirements in words, if the load of the tests was chosen and differs from them."""
+        """The loads of requirements in words, if the caller chose another load for the tests; otherwise empty."""
         others = sorted((load, name) for name, load in self.loads.items() if self.load not in (RATED, load))
-        each = [f"{load:g} N.m: {', '.join(name for _, name in group)}"
-                for load, group in groupby(others, lambda other: other[0])]
+        words = [f"{load:g} N.m: {', '.join(name for _, name in group)}"
+                 for load, group in groupby(others, lambda other: other[0])]
         return (f"tests and mission have a load of {self.load:g} N.m, but requirements are judged under their own: "
-                f"{'; '.join(each)}" if each else "")
+                f"{'; '.join(words)}" if words else "")
 
     @property
     def stopped(self) -> Mapping[str, str]:
@@ -80,7 +80,7 @@ class Result:
 
     @property
     def verdict(self) -> list[str]:
-        """The verdict in sentences: the requirements that are met, and the tests that were not finished."""
+        """The verdict in sentences, on the requirements and on tests that were not finished."""
         tests = f"{len(self.stopped)} of {len(self.outcomes)} tests were not finished: {', '.join(self.stopped)}"
         return [verdict.in_words(self.judged), *([tests] if self.stopped else ())]
 
@@ -94,12 +94,12 @@ def carry_out(subject: Subject, *, load: float = RATED, profile: Excitation | No
               specification: Specification | None = None, progress: Progress = silent) -> Result:
     """Carry out every test, and judge the subject by a specification, the shipped one by default.
 
-    `load` is the rated hinge moment [N.m], `profile` replaces the synthetic mission profile. `progress` is called with
+    `load` is the rated hinge moment [N.m]. `profile` replaces the synthetic mission profile. `progress` is called with
     the test's name, the number of finished tests and their total. A subject that fails has a result. Raises EmcasError
     for a requirement on a figure that no test has.
     """
     rig, outcomes, total = Rig(subject, load, profile, specification), dict[str, Outcome](), len(TESTS) + 1
-    card = subject.card  # before the tests, since the card of an FMU may be damaged
+    card = subject.card  # raises for an FMU with a damaged card, before the tests
     chosen = rig.requirements
     of_report = {r.name: r for r in chosen.requirements if r.test is None}
     for r in of_report.values():
@@ -132,10 +132,10 @@ def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
 
 
 def _card(card: Card, outcomes: Mapping[str, Outcome]) -> Card:
-    """Return the credibility card with the figures of tests that are facts on it."""
+    """Return the credibility card with facts from the tests."""
     def figures(test: str, key: str) -> dict[str, float]:
-        each = {group.label: float(group.figures[key]) for group in outcomes[test].groups.values()}
-        return {label: value for label, value in each.items() if isfinite(value)}
+        return {group.label: float(group.figures[key]) for group in outcomes[test].groups.values()
+                if isfinite(group.figures[key])}
 
     if errors := figures("stepping", "fin_angle_deg"):
         note = f"The largest of {len(errors)} motions. {outcomes['stepping'].method}"
@@ -157,7 +157,8 @@ def _check_figure(r: Requirement, file: str) -> None:
 
 
 def _of_report(judged: Judged, outcomes: Mapping[str, Outcome], file: str, optional: bool) -> Judged:
-    """Return a requirement on a figure of the report with the measured value. Raises EmcasError without a value."""
+    """Return the verdict on a requirement on a figure of the report. Raises EmcasError if that is no measured number.
+    """
     figures, (test, group, key) = dict(flat(outcomes)), judged.figure.split(".")
     outcome, value = outcomes[test], figures.get(judged.figure)
     if outcome.stopped or key in outcome.not_applicable:
@@ -175,7 +176,7 @@ def _of_report(judged: Judged, outcomes: Mapping[str, Outcome], file: str, optio
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
-    """Yield the requirements as a table, then the headline figures, notes and the verdict."""
+    """Yield the subject, the requirements and headline figures as tables, then notes and the verdict."""
     notes = [result.load_note] if result.load_note else []
     notes += [f"{outcome.title}: {note}" for outcome in result.outcomes.values() for note in outcome.remarks]
     figures = table(["test", "figure", ">measured", "note"], (

@@ -1,7 +1,7 @@
 """Static accuracy on a grid of angles, smallest commands that move the fin, and accuracy of the stepping.
 
-The controllers know the nominal actuator exactly, so its static errors come from friction and encoder alone. Actuators
-as built deviate from it: a tolerance is a case that changes nothing but `deviation.*`.
+The controllers know the nominal actuator exactly: its static errors come from friction and encoder alone. An actuator
+as built deviates from the nominal one: a tolerance is a case that changes only parameters `deviation.*`.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ STATIC = (
 STEP = 0.01  # s between outputs of the threshold
 REST = 0.5  # s at rest before a command from rest
 MOVED_TO = 1.0  # deg, motion before a reversal or an increment
-WITHIN = 0.5  # s, in which the fin has to answer
-RATIO = 1.05  # of the sizes that enclose a threshold at the end of its search
+WITHIN = 0.5  # s after a step, in which the fin has to answer
+RATIO = 1.05  # largest ratio of the two sizes that enclose a threshold
 THRESHOLD = tuple(
     Quantity(f"{side}_deg", f"smallest step of the command in the {side} direction that the fin answers", side)
     for side in ("positive", "negative"))
@@ -58,15 +58,16 @@ STEPPING = (Quantity("fin_angle_deg", "largest difference between both fin angle
 def tolerances(rig: Rig) -> tuple[list[Case], str]:
     """Return the cases that change only deviations of the actuator as built, and their file.
 
-    They are in the requirements' file, otherwise in the actuator's tuning study. Without any, the file is empty.
+    The file is that of the requirements, otherwise the actuator's tuning study; empty if neither has such a case.
     """
     kind = parts(rig.subject.model)[0]
     has_study = shipped_file("tuning", kind).stem == kind
-    files = {rig.requirements.file: rig.requirements.cases, f"models/tuning{f'/{kind}' * has_study}.toml":
-             shipped_cases(load_parameters(model=kind if has_study else NONLINEAR))}
-    tolerances = {file: [case for case in cases if case.values and all(
-        name.startswith("deviation.") for name in case.values)] for file, cases in files.items()}
-    return next(((cases, file) for file, cases in tolerances.items() if cases), ([], ""))
+    study_cases = shipped_cases(load_parameters(model=kind if has_study else NONLINEAR))
+    for file, cases in ((rig.requirements.file, rig.requirements.cases),
+                        (f"models/tuning{f'/{kind}' * has_study}.toml", study_cases)):
+        if found := [case for case in cases if case.values and all(n.startswith("deviation.") for n in case.values)]:
+            return found, file
+    return [], ""
 
 
 def static(rig: Rig) -> Outcome:
@@ -101,10 +102,9 @@ def static(rig: Rig) -> Outcome:
 
 
 def count(subject: Subject) -> float:
-    """Return the smallest motion that is detected [rad]: one encoder count at the fin, the largest over the commands.
+    """Return the smallest detected motion [rad]: one encoder count at the fin, where a count is largest.
 
-    For other actuators than those with an encoder on the fin, or on the motor of a screw, it is a hundredth of the
-    accuracy of Table 2 of Yerlikaya (2016).
+    It is 1 % of the accuracy of Table 2 of Yerlikaya (2016) unless the encoder is on the fin or on a screw's motor.
     """
     provides, p = subject.actuator.provides, subject.actuator.namespace(subject.values)
     if capabilities.ENCODER not in provides or not (p.encoder.on_fin or capabilities.SCREW_AND_LEVER in provides):
@@ -134,16 +134,16 @@ def smallest(moves: Callable[[float], bool], low: float, high: float, ratio: flo
 def answered(angle: Array, before: int, direction: float, detected: float) -> bool:
     """Return whether the angle leaves its previous range by `detected` [rad] in a direction (1, -1) after row `before`.
 
-    The previous range is that of equally many rows before: hunting between two counts, for example, is not a response.
+    The previous range is that of as many rows before: hunting between two counts, for example, is not a response.
     """
     after = direction * angle[before:]
     idle = direction * angle[max(2 * before - len(angle), 0):before + 1]
-    # Half a thousandth less: a computed motion of one count may be short by rounding.
+    # Half a thousandth less, since rounding may shorten a motion of one count.
     return bool(np.max(after, initial=-inf) - np.max(idle) >= detected * (1.0 - 5e-4))
 
 
 def threshold(rig: Rig) -> Outcome:
-    """Measure the smallest answered steps from rest, after a reversal, and on in the same direction, for both signs."""
+    """Measure the smallest steps that the fin answers: from rest, after a reversal, and on in the same direction."""
     detected, moved = count(rig.subject), min(MOVED_TO, 0.5 * rig.limit)
 
     def smallest_step(direction: float, before: float, settle: float) -> float:
@@ -171,7 +171,7 @@ def threshold(rig: Rig) -> Outcome:
 
 
 def stepping(rig: Rig) -> Outcome:
-    """Compare reference cases that are run with the tick as set and with a shorter one."""
+    """Compare the responses to reference cases with the tick as set and with a shorter one."""
     subject, groups = rig.subject, {}
     actuator, values = subject.actuator, subject.values
     tick = float(actuator.longest_tick(FLOATS, actuator.namespace(values)))

@@ -35,7 +35,7 @@ _HEADLINE = tuple(_USAGE[name] for name in ("rms_current", "peak_power", "energy
 
 
 def synthetic(limit: float, load: float) -> tuple[Array, Array]:
-    """Return command [deg] and hinge moment [N.m], every 1 ms, of a made-up mission of 15 s; it is not a flight record.
+    """Return command [deg] and hinge moment [N.m] of a made-up mission of 15 s, every 1 ms; it is not a flight record.
 
     `limit` is the largest command [deg], `load` the rated hinge moment [N.m]. docs/tools/acceptance_report.md has a
     table of the phases.

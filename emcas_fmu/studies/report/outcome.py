@@ -64,14 +64,14 @@ class Quantity(NamedTuple):
 
 
 def quantities(*names: str, **labels: str) -> tuple[Quantity, ...]:
-    """Return figures of the bench by `names`, labelled by these, and by the names in `labels`, with those labels."""
+    """Return figures of the bench: those in `names` labelled by their names, those in `labels` by the label there."""
     keys = {name: result_name(name)[0] for name in (*names, *labels)}
     return tuple(Quantity(key, FIGURES[name].title, labels.get(name, in_words(key)), FIGURES[name].needs)
                  for name, key in keys.items())
 
 
 def displayed(figures: Mapping[str, float], chosen: tuple[Quantity, ...]) -> dict[str, Value]:
-    """Return the `chosen` ones of the bench's `figures` [SI], by their names in a result, in the units of these."""
+    """Return the `chosen` of the bench's `figures` [SI] by their names in a result, in the units that these end in."""
     values = metrics.displayed(figures)
     return {q.key: values[q.key] for q in chosen}
 
@@ -83,7 +83,7 @@ def bound(key: str, value: Value) -> str:
 
 @dataclass(frozen=True)
 class Group:
-    """The figures under one motion, load or condition, which `label` names; nan where a figure has no value.
+    """The figures under the motion, load or condition that `label` names; a figure without a value is nan.
 
     `headline` are the figures for the summary. `curve` is for the JSON file, `data` (a run or arrays) only for the
     picture.
@@ -103,11 +103,11 @@ class Group:
 
 @dataclass(frozen=True)
 class Outcome:
-    """The groups of figures of a test and how they were measured.
+    """The groups of figures of a test, and the `method` by which they were measured.
 
-    `stopped` is the reason why the test was not finished; it has no groups then. `estimate` is the reason why figures
-    are estimates. `not_applicable` has the reason why the subject lacks a figure, by the figure's name. If `tall`, the
-    groups are the rows of the table, otherwise its columns.
+    `stopped` is the reason why the test was not finished; there are no groups then. `estimate` is the reason why
+    figures are estimates. `not_applicable` has the reason why the subject lacks a figure, by the figure's name. If
+    `tall`, the groups are the rows of the table, otherwise its columns.
     """
 
     method: str
@@ -128,7 +128,7 @@ class Outcome:
 
     @property
     def curves(self) -> dict[str, Mapping[str, Array]]:
-        """The curves by group, for groups with a curve."""
+        """The curves of groups that have one."""
         return {name: group.curve for name, group in self.groups.items() if group.curve}
 
     def headlines(self) -> list[tuple[str, str, str, str]]:

@@ -23,16 +23,16 @@ _ACCURACY = round(degrees(ACCURACY) * 1e3, 6)  # mdeg
 
 def pictures(outcomes: Mapping[str, Outcome], judged: Sequence[Judged]) -> dict[str, Picture]:
     """Return the picture of each test that has one, with the limits of the requirements on its figures."""
-    plotted = [name for name, outcome in outcomes.items() if name in _DRAWINGS and not outcome.stopped]
+    plotted = [name for name, outcome in outcomes.items() if name in _VIEWS and not outcome.stopped]
     made = plots.pictures(_drawing(outcomes[name], judged) for name in plotted)
     return dict(zip(plotted, made, strict=True))
 
 
 def _drawing(outcome: Outcome, judged: Sequence[Judged]) -> Drawing:
-    """Return the picture of a test; limits without a line in its panels are in the caption."""
-    view = _DRAWINGS[outcome.name]
+    """Return the picture of a test; limits in other units than that of the panels' lines are in the caption."""
+    view = _VIEWS[outcome.name]
     limits = [j for j in judged if not j.skipped and j.figure in view.figures]
-    figure, caption = view.draw(outcome, sorted({j.limit for j in limits if j.unit == view.unit}))
+    figure, caption = view.plot(outcome, sorted({j.limit for j in limits if j.unit == view.unit}))
     words = "; ".join(f"{j.title} {'≥' if j.sense == '>=' else '≤'} {with_unit(j.limit, j.unit)}" for j in limits
                       if j.unit != view.unit)
     return Drawing(outcome.title, figure, f"{caption} Required, not plotted: {words}." if words else caption)
@@ -158,17 +158,17 @@ def _mission(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
     return figure, "Power below zero is fed back to the supply."
 
 
-class _Drawn(NamedTuple):
+class _View(NamedTuple):
     """How a test is plotted; required values of `figures` are lines if they are in `unit`, otherwise in the caption."""
 
-    draw: Callable[[Outcome, Sequence[float]], tuple[Figure, str]]
+    plot: Callable[[Outcome, Sequence[float]], tuple[Figure, str]]
     unit: str = ""
     figures: tuple[str, ...] = ()
 
 
-_DRAWINGS: Mapping[str, _Drawn] = {
-    "step_response": _Drawn(_steps, "ms", ("settling_time", "overshoot")),
-    "frequency_response": _Drawn(_bode, "Hz", ("bandwidth_3db",)),
-    "slew_rate": _Drawn(_slew, "deg/s", ("sustained_rate",)),
-    "static_accuracy": _Drawn(_grid, "deg", ("held_error",)),
-    "accuracy_budget": _Drawn(_budget), "dynamic_stiffness": _Drawn(_stiffness), "mission": _Drawn(_mission)}
+_VIEWS: Mapping[str, _View] = {
+    "step_response": _View(_steps, "ms", ("settling_time", "overshoot")),
+    "frequency_response": _View(_bode, "Hz", ("bandwidth_3db",)),
+    "slew_rate": _View(_slew, "deg/s", ("sustained_rate",)),
+    "static_accuracy": _View(_grid, "deg", ("held_error",)),
+    "accuracy_budget": _View(_budget), "dynamic_stiffness": _View(_stiffness), "mission": _View(_mission)}

@@ -14,7 +14,7 @@ from ...motions import LOAD_RISE, SETTLE, SWEEP
 from .outcome import Group, Outcome, Quantity, Rig, displayed, quantities
 
 SIZES = (1.0, 5.0, 10.0)  # deg, of the steps; a step to the end of the range is added
-DURATION = 1.0  # s, of a slew from the command on
+DURATION = 1.0  # s, of a slew after the command
 _TINY = 1e-9  # deg; a size this close to the limit is the limit
 
 STEP = quantities("rise_time", "settling_time", "overshoot", "steady_error")
@@ -24,7 +24,7 @@ SLEW = quantities("sustained_rate", "peak_rate", time_to_90_percent="time to 90 
 
 
 def steps(rig: Rig) -> Outcome:
-    """Measure steps from rest at 0 to each size, with both signs and without load."""
+    """Measure steps without load, from rest at 0 deg to each size with both signs."""
     limit = round(rig.limit, 9)
     sizes = [*(size for size in SIZES if size < limit - _TINY), limit]
     headlines = {1.0: STEP[:2], sizes[-1]: STEP[:3]}
@@ -32,12 +32,12 @@ def steps(rig: Rig) -> Outcome:
         f"From rest at 0 deg the command steps to each size and is constant for {HOLD:g} s; no load. Outputs are "
         "read every 1 ms.",
         {f"{sign}_{size:g}deg".replace(".", "p"):
-         _moved(rig, f"{side * size:+g} deg", step_to(radians(side * size), HOLD), STEP,
+         _group(rig, f"{side * size:+g} deg", step_to(radians(side * size), HOLD), STEP,
                 headlines.get(side * size, ()))
          for size in sizes for sign, side in (("plus", 1.0), ("minus", -1.0))})
 
 
-def _moved(rig: Rig, label: str, excited_by: Excitation, chosen: tuple[Quantity, ...],
+def _group(rig: Rig, label: str, excited_by: Excitation, chosen: tuple[Quantity, ...],
            headline: tuple[Quantity, ...]) -> Group:
     """Return the group with the `chosen` figures of the last step of the command."""
     run = rig.run(excited_by)
@@ -71,13 +71,13 @@ def frequency(rig: Rig) -> Outcome:
 
 
 def slews(rig: Rig) -> Outcome:
-    """Measure slews from one end of the range to the other: unloaded, against the rated load, and with it."""
+    """Measure slews from one end of the range to the other: unloaded, against the rated load and with it."""
     loads = (("unloaded", "unloaded", 0.0, SLEW[:1]), ("opposing", f"against {rig.load:g} N.m", -rig.load, SLEW[:1]),
              ("aiding", f"with {rig.load:g} N.m", rig.load, ()))
     return Outcome(
         f"Slews from -{rig.limit:g} to +{rig.limit:g} deg, and in other runs back, after {SETTLE:g} s at the starting "
         f"end without load. The load rises within {LOAD_RISE * 1e3:g} ms after the command and is then constant: "
         "against the motion (opposing) or with it (aiding).",
-        {f"{load}_{direction}": _moved(rig, f"{label}, {direction}", excitation(
+        {f"{load}_{direction}": _group(rig, f"{label}, {direction}", excitation(
             Test("slew", radians(rig.limit), DURATION, torque), sign, rig.subject), SLEW, headline)
          for load, label, torque, headline in loads for direction, sign in (("positive", 1.0), ("negative", -1.0))})

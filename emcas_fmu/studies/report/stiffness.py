@@ -13,10 +13,10 @@ from ...motions import STEP
 from .outcome import Array, Group, Outcome, Quantity, Rig, Value
 
 FREQUENCIES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)  # Hz
-CYCLES = 6.0  # that are fitted
-SETTLE = (4.0, 0.5)  # cycles, and at least so many s, before the fitted ones
+CYCLES = 6.0  # fitted cycles of a sine
+SETTLE = (4.0, 0.5)  # before the fitted cycles: cycles, and at least this time [s]
 RAMP = 5.0  # s, in which the breakaway ramp reaches the rated load
-BELOW, ABOVE = 0.8, 2.0  # unpowered load amplitudes over the smaller and the larger breakaway moment
+BELOW, ABOVE = 0.8, 2.0  # unpowered load amplitudes, relative to the smaller and to the larger breakaway moment
 LOCKED = 1e-8  # rad, largest peak-to-peak motion of a friction-locked fin
 _UNPOWERED = {"enable": False}
 
@@ -36,11 +36,10 @@ QUANTITIES = (
 
 
 def sweep(rig: Rig, amplitude: float, powered: bool) -> tuple[Array, bool, list[float]]:
-    """Return the complex stiffness T/θ [N.m/rad] at FREQUENCIES, under sines of the hinge moment about 0 deg.
+    """Return the complex stiffness T/θ [N.m/rad] at FREQUENCIES, whether the fin is locked, and where it met stops.
 
-    `amplitude` is that of the moment [N.m]. Each frequency is a run. The stiffness is nan where the fin did not move or
-    met a stop. Also returned: whether the fin did not move at any frequency, and the frequencies [Hz] at which it met
-    a stop.
+    The hinge moment is a sine of `amplitude` [N.m], with a run for each frequency. The stiffness is nan where the fin
+    did not move or met a stop. The fin is locked if it moved at no frequency. Stops are frequencies [Hz].
     """
     stiffness, locked, stops = [], True, []
     for frequency in FREQUENCIES:
@@ -69,7 +68,7 @@ def measure(rig: Rig) -> Outcome:
         if stays := bool(np.isnan(broke).any()):
             notes.append(f"Unpowered, the rated load of {rig.load:g} N.m does not move the fin in at least one "
                          "direction: there is no unpowered stiffness above breakaway.")
-        # With a breakaway moment below a thousandth of the rated load, a test below breakaway would tell nothing.
+        # A breakaway moment below a thousandth of the rated load is too small for a test below it.
         if stays or min(broke) > 1e-3 * rig.load:
             loads["unpowered_below_breakaway"] = (
                 "Unpowered, below breakaway", rig.load if stays else BELOW * min(broke), ())

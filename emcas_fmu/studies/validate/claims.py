@@ -17,22 +17,23 @@ from ...reference.linear import LinearModel
 
 AMPLITUDES = (1.0, 2.0, 3.0, 10.0, 20.0)  # deg, of the steps
 SMALL = 3.0  # deg, below which both models agree according to the thesis
-# Largest difference of two responses that agree [% of the step]. If no limit acts, quantisation, friction and the
-# varying reduction ratio cause a few per cent; from 5 % on two curves in a report can be distinguished.
+# Largest difference [% of the step] between two responses that agree. If no limit acts, quantisation, friction and the
+# varying reduction ratio cause a few per cent; above 5 % the two curves in a report can be distinguished.
 AGREED = 5.0
 _DURATION = 0.3  # s, after the step
 
 
 def steps(values: Mapping[str, Any]) -> dict[float, Excitation]:
-    """Return the steps, by amplitude [deg], with rows at the linear model's sample times."""
+    """Return the steps by amplitude [deg], with rows at the linear model's sample times."""
     period = LinearModel(values).sample_time
     return {amplitude: step_to(radians(amplitude), _DURATION, step=period) for amplitude in AMPLITUDES}
 
 
 def compare(amplitude: float, run: Run, linear: metrics.Array) -> dict[str, float]:
-    """Compare the response to a step of `amplitude` [deg] with that of the linear model [rad] at the same times.
+    """Return figures that compare the response to a step of `amplitude` [deg] with the linear model's.
 
-    The figures have the keys of the JSON file; differences are in % of the step, times in s.
+    `linear` are the linear model's angles [rad] at the rows of the run. The figures have the keys of the JSON file:
+    differences in % of the step, times in s.
     """
     time, angle, level = run.columns["time"], run.columns["fin_angle"], radians(amplitude)
     after = time >= LEAD_IN - 1e-9
@@ -44,9 +45,9 @@ def compare(amplitude: float, run: Run, linear: metrics.Array) -> dict[str, floa
 
 
 def claims(comparisons: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
-    """Test the thesis's statement (chapter 5, summary) that the models agree below 3 deg, in two findings.
+    """Return findings on the thesis's statement (chapter 5, summary) that the models agree below 3 deg.
 
-    Each finding has a name, a text, and whether it holds; no verdict depends on the findings.
+    Each finding has a name, a text, and whether it holds. No verdict depends on them.
     """
     small = [c for c in comparisons if c["amplitude"] < SMALL]
     large = [c for c in comparisons if c["amplitude"] > SMALL]

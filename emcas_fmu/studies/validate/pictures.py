@@ -37,8 +37,9 @@ _SWEEPS = {"chirp_1deg": ("1 deg", plots.BLUE), "chirp_3p5deg": ("3.5 deg", plot
 class View(NamedTuple):
     """A picture of cases over time.
 
-    `columns` are the columns of panels, each with a window of time [s], and cases with line properties. Every `dots`-th
-    point of a reference is a mark; with 0 none is. A line is at the limit of the requirement `rate`.
+    Each of the `columns` of panels has a window of time [s], and the line properties of its cases by name. `panels` are
+    the variables. At most every `dots`-th point of a reference gets a mark; 0: none. In the panel of the fin rate, a
+    line is at the limit of the requirement `rate`.
     """
 
     title: str
@@ -50,7 +51,7 @@ class View(NamedTuple):
 
 
 def drawings(result: Result) -> Iterator[Drawing]:
-    """Yield every picture whose cases the result has."""
+    """Yield every picture with a finished case in each of its columns."""
     finished = {name: case for name, case in result.cases.items() if case.judged.stopped is None}
     embedded = [View("Inside the FMU", [(_WHOLE, _fin(name, plots.BLUE))], _ANGLE, 10, f"{case.case.title}.")
                 for name, case in finished.items() if case.case.kind == EMBEDDED]
@@ -67,7 +68,7 @@ def drawings(result: Result) -> Iterator[Drawing]:
 
 def _over_time(result: Result, view: View, columns: Sequence[tuple[Window, Sequence[tuple[CaseResult, Look]]]]
                ) -> Drawing:
-    """Plot a view: outputs with reference, command and limits, shaded while a limit is active."""
+    """Plot a view: outputs with reference, command and limits; a column with one case is shaded while a limit acts."""
     shown = [(window, case) for window, cases in columns for case, _ in cases]
     names = [name for name in view.panels if name in shown[0][1].judged.columns]
     error = "error" in view.panels and any(case.reference for _, case in shown)
@@ -99,7 +100,7 @@ def _over_time(result: Result, view: View, columns: Sequence[tuple[Window, Seque
 
 def _output(axes: Axes, name: str, result: Result, case: CaseResult, window: Window, dots: int,
             unit: float, look: Look) -> None:
-    """Plot an output of a case with its reference, its command or its limits; see `traces.trace`."""
+    """Plot an output of a case with its reference, and with its command or limits; see `traces.trace`."""
     excitation = case.run.excitation
     inputs = {"time": excitation.time, **excitation.columns}
     trace(axes, case.judged.columns, name, window, unit=unit, **look)
@@ -136,7 +137,7 @@ def _bode(result: Result, cases: Mapping[tuple[str, str], CaseResult]) -> Drawin
 
 
 def _linear(result: Result) -> Drawing:
-    """Plot steps divided by their size, with those of the linear model."""
+    """Plot responses to steps, divided by the step's size, with the linear model's response."""
     figure, (response, difference) = plots.column("fin angle / command", "difference [%]", x="time [ms]", height=2.4,
                                                   height_ratios=(2.0, 1.0))
     for (amplitude, (run, linear)), color in zip(result.linear_series.items(), plots.COLORS, strict=False):
@@ -157,7 +158,7 @@ def _slew_caption(result: Result) -> str:
     rate = metrics.motion(result.cases["step_plus20"].run)
     return (f"A step to 20 deg: {degrees(rate['peak_rate']):.0f} deg/s at the peak, "
             f"{degrees(rate['sustained_rate']):.0f} deg/s in the mean over the middle 60 % of the travel. A limit that "
-            "is active while all plotted variables are within theirs is that of the speed reference.")
+            "is active while no plotted variable is at its limit is that of the speed reference.")
 
 
 def _loaded_caption(result: Result) -> str:
@@ -177,7 +178,7 @@ def _sag_caption(result: Result) -> str:
 
 
 def _fin(name: str, color: str, **more: Any) -> dict[str, Look]:
-    """Return the cases of a column of panels that has only one."""
+    """Return the only case of a column of panels, with its line properties."""
     return {name: {"color": color, "label": "fin", **more}}
 
 

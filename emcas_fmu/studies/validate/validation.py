@@ -1,4 +1,4 @@
-"""The validation: reference cases, requirements, and for the nonlinear actuator the thesis's linear model."""
+"""The validation by reference cases, by requirements and, for the nonlinear actuator, by the thesis's linear model."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ _REMEDY = "make its own with `emcas reference --parameters FILE --directory DIR`
 
 @dataclass(frozen=True)
 class CaseResult:
-    """The responses to a reference case, SI.
+    """The responses to a reference case [SI].
 
-    `run` is the response of the subject as it is, which pictures show. `exact` is the response with the start
-    values of the case, true angle and speed fed back; None if it is not compared with the reference.
+    `run` is the response of the subject as it is. `exact` is the response that is compared with the reference: true
+    angle and speed are fed back; None without a comparison.
     """
 
     case: stored.Stored
@@ -46,7 +46,7 @@ class CaseResult:
 
     @property
     def judged(self) -> Run:
-        """The run that is compared with the reference, or else that of the subject as it is."""
+        """The run that is compared with the reference; without a comparison, the run of the subject as it is."""
         return self.exact or self.run
 
     @property
@@ -62,7 +62,7 @@ class CaseResult:
 
     @cached_property
     def errors(self) -> Mapping[str, metrics.Errors]:
-        """The errors of the outputs that the reference has, in display units; empty without a reference."""
+        """The errors of the outputs that the reference has, in display units; empty without a comparison."""
         return {name: metrics.errors(response * scale, reference * scale, unit)
                 for name, si in COMPARED.items() if name in self.judged.columns and name in self.reference
                 for (response, reference), (unit, scale) in [(self.compared(name), metrics.shown(si))]}
@@ -103,18 +103,18 @@ class Result:
 
     @property
     def independent(self) -> bool:
-        """Whether no reference was recorded from the package's own stepping."""
+        """Whether all compared references are independent of the package's own stepping."""
         return all(case.independent for case in self.compared)
 
     @property
     def foreign(self) -> bool:
-        """Whether the actuator's references are of other parameters and nothing was compared with them."""
+        """Whether there are references of the actuator, but none was compared, as they are of other parameters."""
         return not self.compared and any(result.case.model == self.about.model and result.case.reference
                                          for result in self.cases.values())
 
     @property
     def trajectory(self) -> tuple[Judged, ...]:
-        """The criteria of the trajectories that were compared."""
+        """The verdicts on the trajectories that were compared."""
         return tuple(case.trajectory for case in self.cases.values() if case.errors)
 
     @cached_property
@@ -130,12 +130,12 @@ class Result:
 
     @property
     def of_thesis(self) -> bool:
-        """Whether the actuator is that of the thesis, for which the shipped estimates are chosen."""
+        """Whether the actuator is the thesis's, for which the shipped estimates were chosen."""
         return is_shipped(self.about.model) and parts(self.about.model)[0] == NONLINEAR
 
     @property
     def criteria(self) -> tuple[Judged, ...]:
-        """Trajectories and requirements."""
+        """The verdicts on trajectories and on requirements."""
         return (*self.trajectory, *self.requirements)
 
     @property
@@ -160,7 +160,7 @@ class Result:
 
     @property
     def outcome(self) -> bool | None:
-        """Whether the subject passed; None if all cases ran to their end and no criterion applies to them."""
+        """Whether the subject passed; None if all cases ran to their end and no criterion applies to the subject."""
         criteria = self.judged or self.foreign or self.requirements
         return None if self.cases and not criteria and not self.short else self.passed
 
@@ -188,12 +188,11 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
              progress: Progress = silent, inside: bool = False, specification: Specification | None = None) -> Result:
     """Judge a subject by the reference cases in `directory` (default: the shipped ones) and by requirements.
 
-    Trajectories are judged by the shipped references if these are of the subject's actuator and parameters, and by
-    those in a `directory` if they are of the subject's actuator. With `inside`, or if the shipped references are of
-    another actuator or other parameters, trajectories are judged by the references embedded in an FMU. Requirements are
-    those of the `specification`, by default the shipped ones. With `names`, only these cases are run and no requirement
-    is judged. `progress` is called with the name of the run, the number of finished runs and their total. Raises
-    EmcasError if the validation cannot be carried out; a subject that fails has a result.
+    References in a `directory` must be of the subject's actuator, shipped references also of its parameters. With
+    `inside`, or if the shipped references do not match, trajectories are judged by the references embedded in an FMU.
+    Requirements are those of the `specification`, by default the shipped ones. With `names`, only these cases are run
+    and no requirement is judged. `progress` is called with the name of the run, the number of finished runs and their
+    total. Raises EmcasError if the validation cannot be carried out; a subject that fails has a result.
     """
     folder = directory or models_directory() / "reference"
     available, inside = _chosen(subject, names, folder, () if directory and not inside else subject.references, inside)
@@ -258,33 +257,34 @@ def _chosen(subject: Subject, names: Sequence[str] | None, folder: Path, embedde
     cases = stored.load(folder, from_folder, needed) if from_folder or not names else []
     of_subject = all(_made_of(subject, case) for case in cases)
     if inside or (chosen and (len(from_folder) < len(names or ()) or not of_subject)):
-        # The other cases are run, too, without references.
+        # The other cases are also run, without references.
         return [chosen.pop(case.name, replace(case, reference={})) for case in cases] + list(chosen.values()), True
     return cases, False
 
 
 def _run(subject: Subject, case: stored.Stored, any_parameters: bool, outputs: Sequence[str]) -> CaseResult:
-    """Run a case, and also for comparison if its reference is of the subject.
+    """Run a case with the subject as it is and, for a reference of the subject, with true angle and speed fed back.
 
     With `any_parameters`, it is enough that the reference is of the subject's actuator.
     """
-    # The encoder's chatter hides small errors: references have no encoder, the subject as it is has one.
-    exact, shipped = _excitation(case), with_encoder(_excitation(case))
+    # The encoder's chatter would hide small errors: references have no encoder.
+    exact = _excitation(case)
+    as_it_is = with_encoder(exact)
     comparable = case.reference and (
         _made_of(subject, case) or (any_parameters and case.model == subject.actuator.name))
     compared = subject.run(exact, outputs=outputs) if comparable else None
-    same = compared if exact.start_values == shipped.start_values else None
-    return CaseResult(case, same or subject.run(shipped, outputs=outputs), compared)
+    same = compared if exact.start_values == as_it_is.start_values else None
+    return CaseResult(case, same or subject.run(as_it_is, outputs=outputs), compared)
 
 
 def _made_of(subject: Subject, case: stored.Stored) -> bool:
     """Return whether a reference is of the subject's actuator and parameters."""
-    made = files.response_hash({**subject.values, **case.start_values})
-    return case.model == subject.actuator.name and case.parameters_hash in ("", made)
+    own_hash = files.response_hash({**subject.values, **case.start_values})
+    return case.model == subject.actuator.name and case.parameters_hash in ("", own_hash)
 
 
 def _notes(subject: Subject, result: Result, further: Sequence[str]) -> Iterator[str]:
-    """Yield notes: on the references, if they are not those of a folder; the notes `further`; on the runs."""
+    """Yield notes on the references, the notes `further`, then notes on parameters and runs."""
     compared, runs = result.compared, {name: case.run for name, case in result.cases.items()}
     if result.foreign:
         yield (f"Trajectories are not compared: the references in {result.folder} are of other parameters than the "

@@ -25,7 +25,7 @@ SCHEMA = "emcas-validation/2"
 
 
 def _cases(result: Result) -> Table:
-    """Return a table of the largest errors of the cases with a reference."""
+    """Return a table of the largest errors in the compared cases."""
     units = {"fin_angle": "angle [deg]", "fin_rate": "rate [deg/s]", "motor_current": "current [A]",
              "motor_voltage": "voltage [V]"}
     compared = {name: case for name, case in result.cases.items() if case.errors}
@@ -37,7 +37,7 @@ def _cases(result: Result) -> Table:
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
-    """Yield the criteria as a table, then findings, notes and the verdict."""
+    """Yield the subject, the criteria and errors as tables, then findings, notes and the verdict."""
     findings = [escape(f"{f['text']}. {'Confirmed' if f['holds'] else 'Not confirmed'}.") for f in result.findings]
     return verdict.summary(result.about, "criterion", result.criteria,
                            [*([_cases(result)] if result.trajectory else ()), *findings], result.notes, result.outcome,
