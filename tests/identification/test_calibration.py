@@ -330,7 +330,7 @@ def test_a_prior_that_records_contradict_is_reported(recorded: tuple[ParameterSe
     for away, reported in ((1.0, False), (20.0, True)):
         prior = f"{name}={alone[name].value + away * alone[name].sigma!r}+-{alone[name].sigma!r}"
         problems = calibration.calibrate(path, base, FREE.split(","), priors=[prior]).problems
-        assert any(name in line and "of its prior" in line for line in problems) == reported
+        assert any(name in line and "from its prior" in line for line in problems) == reported
 
 
 def test_temperatures_between_bounds_are_not_ratios() -> None:

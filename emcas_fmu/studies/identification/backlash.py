@@ -1,10 +1,10 @@
 """Identify the backlash from the fin angle, measured directly and computed from the motor angle (section 3.4).
 
 The records are slow sweeps in both directions. The indirect fin angle follows from the motor angle through screw and
-lever. The direct angle lags by half the gap in either direction of motion, and the difference jumps by the gap at
-reversals. A cubic in the fin angle is common to both directions (zero, errors of the geometry). The nonlinear actuator
-has no backlash: no parameter is written. The report states the gap, and the ``drive_line.backlash`` for actuators with
-this parameter.
+lever. The direct angle lags behind the indirect one by half the gap in either direction, and their difference jumps by
+the gap at reversals. Errors of zero and geometry are a cubic in the fin angle, common to both directions. The nonlinear
+actuator has no backlash: no parameter is written. The report states the gap, and ``drive_line.backlash`` for actuators
+with this parameter.
 """
 
 from __future__ import annotations
@@ -29,13 +29,14 @@ EXPERIMENT = Experiment("backlash", "Backlash", ("motor_angle", "fin_angle"), ()
                         ("kinematics.moment_arm", "kinematics.initial_angle", "screw.lead"), "rad")
 GAP = "backlash"
 _NAMES = (GAP, *(f"difference[{n}]" for n in range(4)))
-_CLEAR = radians(0.5)  # indirect motion after a reversal that crosses the gap
+_CLEAR = radians(0.5)  # indirect motion after a reversal within which the gap is crossed
 _RANGE = radians(5.0)  # smallest range of a sweep
-_BLOCKS = 40  # blocks of a sweep; within each an encoder's steps average out
+_BLOCKS = 40  # blocks of a sweep, within which an encoder's steps average out
 
 
 class Sweep(NamedTuple):
-    """A sweep behind the gap: `direction` (1, -1); means of `fin` angle and `difference` [rad] in blocks."""
+    """A sweep after the gap is crossed: `direction` (1, -1), and means of `fin` angle and `difference` [rad] in blocks.
+    """
 
     direction: int
     fin: Array
@@ -76,7 +77,7 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
 
 
 def _indirect(record: Record, p: Any) -> Array:
-    """Return the fin angle [rad] from the motor angle. Raises RecordError if the two measured angles disagree."""
+    """Return the fin angle [rad] from the motor angle. Raises RecordError if the measured fin angle contradicts it."""
     indirect = motion.fin_angle(p, record["motor_angle"])
     refuse_magnitude(record, "motor_angle", 1.25 * motion.motor_travel(p), "1.25 times the travel to fin.stop_angle")
     refuse_magnitude(record, "fin_angle", 1.25 * p.fin.stop_angle, "1.25 times fin.stop_angle")
@@ -90,7 +91,7 @@ def _indirect(record: Record, p: Any) -> Array:
 
 
 def _turns(angle: Array) -> list[int]:
-    """Return the indices of both ends, and of the reversals with more than `_CLEAR` of motion on either side."""
+    """Return the indices of both ends, and of the reversals with at least `_CLEAR` of motion on either side."""
     peaks = (find_peaks(side * angle, prominence=_CLEAR)[0] for side in (1.0, -1.0))
     return [0, *sorted(np.concatenate([*peaks]).tolist()), len(angle) - 1]
 
@@ -104,7 +105,7 @@ def _sweeps(record: Record, indirect: Array) -> Iterator[Sweep]:
             continue
         direction = 1 if travel > 0.0 else -1
         along = direction * (indirect[begin:end] - indirect[begin])
-        # Samples at rest at the ends are left out: they would give one angle too much weight.
+        # Samples at rest at the ends would give one angle too much weight.
         inside = np.arange(begin, end)[(along > _CLEAR) & (along < abs(travel) - 0.02 * _CLEAR)]
         record.require(len(inside) >= 2 * _BLOCKS, f"a sweep of {degrees(abs(travel)):.3g} deg has {len(inside)} "
                        f"samples; at least {2 * _BLOCKS} are needed to average the encoders' counts: log faster "
@@ -114,7 +115,7 @@ def _sweeps(record: Record, indirect: Array) -> Iterator[Sweep]:
 
 
 def _model(x: Array, direction: int, fin: Array, reach: float) -> Array:
-    """Return the direct minus the indirect fin angle [rad]: half the gap, and a cubic in the fin angle over `reach`."""
+    """Return the direct minus the indirect fin angle [rad]: half the gap, and a cubic in fin angle / `reach`."""
     z = fin / reach
     difference: Array = -0.5 * direction * x[0] + x[1] + z * (x[2] + z * (x[3] + z * x[4]))
     return difference

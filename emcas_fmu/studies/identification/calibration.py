@@ -3,9 +3,9 @@
 A record's inputs drive the simulation, and its outputs are compared. The unknowns are the free parameters, the initial
 fin angle of each record and, on request, the delay of each measured output.
 
-Quantisation of measured angles makes the response a rough function of the parameters, and the error has many minima.
-Therefore the fit compares the mean response from several close initial angles, which is less rough. It ends where the
-error is orthogonal to the derivatives without quantisation, as at the true parameters.
+Quantisation of measured angles makes the response a rough function of the parameters: its error has many minima. The
+fit therefore compares the mean response from several close initial angles, which is less rough. It ends where the error
+is orthogonal to the derivatives of the response without quantisation, as it is at the true parameters.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ from ...support.progress import Progress, silent
 from . import pictures
 from .estimation import SETTLED, Fit, Stretches, descend, solve, weighted_fit
 from .records import Array, Record, longest, require
-from .replay import Comparison, misspelt, read, use
+from .replay import Comparison, columns_used, misspelt, read
 from .replay import Replay as Replay
 from .result import Estimate, Experiment, Identification
 from .unknowns import Unknown, free_parameters
 
 METHOD = ("simulation error over all records, weighted by the noise of each output; 1 sigma from the covariance scaled "
           "by the residuals, by their autocorrelation time and by their correlation among outputs")
-_CANDIDATES, _TRIED = 64, 3  # starting points that are simulated, and the number of them from which a fit starts
+_CANDIDATES, _TRIED = 64, 3  # number of simulated starting points, and of those from which a fit starts
 _EVALUATIONS, _STEPS = 30, 24  # most evaluations of each of these fits; most Gauss-Newton steps of the last fit
-_MEAN = 10  # samples whose means are fitted first: a controller that reacts at every sample causes many minima
+_MEAN = 10  # samples that are averaged in the first fits: a controller that reacts at every sample causes many minima
 _FAINT = 1e-6  # weight of the prior in the fits from starting points, which only need to end near the result
 _OPPOSITE = -0.5  # correlation of measured and simulated values, below which a sign is wrong
 _STILL = 1e-3  # ratio of simulated to measured deviation, below which an input is missing
-_WIDE, _RATIO = 30.0, 5.0  # this ratio, or its inverse, above which a unit is wrong: before and after the first fits
+_WIDE, _RATIO = 30.0, 5.0  # largest ratio of measured to simulated deviation, or its inverse: before, after first fits
 _FLAT, _BEYOND = 6, 3.0  # clipping: equal samples at the extreme; deviations by which the simulation exceeds them
-_POOR = 0.05  # largest share of a measured deviation, without noise, that a good model leaves; fits of 95 % and more
+_POOR = 0.05  # largest share of a measured deviation that a good model leaves in addition to noise
 _DRIFT, _CERTAIN = 5e-4, 6.0  # smallest clock drift that is reported: relative, and in sigmas
-# A combination is undetermined if this share of the prior's variance is left; the message names parameters with this
-# share of the largest effect.
+# A combination of parameters is undetermined from this share of the prior's variance on; the message names parameters
+# from this share of the largest effect on.
 _OPEN, _PART = 0.5, 0.3
 _CONTRADICTED = 4.0  # sigmas from the prior that count as a contradiction: by chance, one of 16,000 priors
 _AT_BOUND = 1e-3  # distance to a bound that counts as at the bound: share of the interval between the bounds
@@ -55,7 +55,7 @@ _AT_BOUND = 1e-3  # distance to a bound that counts as at the bound: share of th
 class Calibration(Identification):
     """The result of a calibration.
 
-    `calibrated` is the base set with the estimates; `comparisons` has those of all records. `undetermined` lists
+    `calibrated` is the base set with the estimates. `comparisons` has each output of each record. `undetermined` lists
     combinations of parameters that the records do not determine, `at_bound` the parameters at a bound. `stopped` says
     that Ctrl-C ended the fit. `faults` are messages on the fit, the priors and the records, one line each.
     """
@@ -97,13 +97,13 @@ class Calibration(Identification):
 
     @property
     def measured(self) -> list[MeasuredRecord]:
-        """The records with their use and the simulation error of each output."""
+        """The records with their use and the error of each simulated output, for comments in a parameter file."""
         return [MeasuredRecord("", record.name, record.sha256, "; ".join([use, *(
             f"{c.variable.name} rms {c.figures['rms']:.3g} {c.unit}, largest {c.figures['largest']:.3g} {c.unit}"
             for c in self.comparisons if c.record.sha256 == record.sha256)])) for record, use in self.used]
 
     def document(self) -> Mapping[str, Any]:
-        """Return everything except the plots, for JSON."""
+        """Return the result for JSON, without the plots."""
         return {**super().document(), "undetermined": self.undetermined, "at_bound": self.at_bound,
                 "stopped": self.stopped, "problems": self.problems,
                 "comparisons": [{"file": c.record.name, "sha256": c.record.sha256, "held_out": c.held_out,
@@ -145,11 +145,11 @@ def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], ho
     comparisons = list(replay.comparisons(fit.values, others))
     at_bound = [u.name for u, x in zip(unknown, fit.values)
                 if min(x - u.lower, u.upper - x) < _AT_BOUND * (u.upper - u.lower)]
-    notes = [*use([*records, *others], base, outputs),
-             f"Residuals are correlated over {fit.times.min():.3g} to {fit.times.max():.3g} samples; for white noise "
-             f"it is 1. Without it they are up to {100.0 * max(c.unexplained for c in comparisons):.2g} % of a "
-             "measured deviation. Longer times and larger shares show that the model lacks an effect; the "
-             "uncertainties account for it, but not for fixed parameters that are wrong."]
+    notes = [*columns_used([*records, *others], base, outputs),
+             f"Residuals are correlated over {fit.times.min():.3g} to {fit.times.max():.3g} samples; white noise, over "
+             f"1. Errors without white noise are up to {100.0 * max(c.unexplained for c in comparisons):.2g} % of a "
+             "measured deviation. Longer times and larger shares show that the model lacks an effect. The "
+             "uncertainties account for this effect, but not for fixed parameters that are wrong."]
     faults = [*search.unsettled(), *_contradicted(fit, unknown), *replay.moving(fit.values, others),
               *_poor(comparisons), *_faults(replay, fit), *misspelt([*records, *others], base)]
     return Calibration(
@@ -161,9 +161,9 @@ def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], ho
 def _undetermined(fit: Fit, free: Sequence[Unknown]) -> Iterator[tuple[str, ...]]:
     """Yield combinations of parameters that the records hardly determine, as the names of the main parameters.
 
-    The combinations are eigenvectors of the covariance relative to that of the priors. A parameter's part is its effect
-    on the simulation along the eigenvector: parameters that the records cannot distinguish have equal parts, whatever
-    their sizes.
+    The combinations are eigenvectors of the covariance relative to the priors' covariance. A parameter's part is its
+    effect on the simulation along the eigenvector: parameters that the records cannot distinguish have equal parts,
+    whatever their sizes.
     """
     count, spread = len(free), np.array([u.sigma for u in free])
     shares, directions = np.linalg.eigh(fit.covariance[:count, :count] / np.outer(spread, spread))
@@ -174,7 +174,7 @@ def _undetermined(fit: Fit, free: Sequence[Unknown]) -> Iterator[tuple[str, ...]
 
 
 class _Search:
-    """The search from several starting points for the point of smallest error, `best`, and the fit from there."""
+    """The search from several starting points for `best`, the point of smallest error, and the fit from there."""
 
     def __init__(self, replay: Replay, seed: int, progress: Progress) -> None:
         self._replay, self._progress = replay, progress
@@ -202,7 +202,7 @@ class _Search:
             self.stopped = True
 
     def fit(self, near: Stretches, robust: bool) -> Fit:
-        """Return the fit from the best point, or the fit at it after Ctrl-C; `near` are the residuals at that point."""
+        """Return the fit from the best point, after Ctrl-C without a step; `near` are the residuals at that point."""
         owners, count = self._replay.owners, len(self._units)
         self._units = np.array([float(np.sqrt(np.mean(np.concatenate(near[j::count]) ** 2))) or 1.0
                                 for j in range(count)])
@@ -225,7 +225,7 @@ class _Search:
                        deviations=fit.deviations * units)
 
     def unsettled(self) -> Iterator[str]:
-        """Yield a message on the unknown that changes most in the last step, if the fit has not settled."""
+        """Yield a message on the unknown with the largest last step if the fit has not settled."""
         step, name = max(zip(self._left, (u.name for u in self._replay.unknowns), strict=True))
         if step >= SETTLED and not self.stopped:
             yield (f"not settled: {name} still changes by {step:.2g} sigma per step after {_STEPS} steps: values are "
@@ -233,12 +233,12 @@ class _Search:
                    "parameters")
 
     def _descend(self, residuals: Callable[[Array], Array], start: Array, **options: Any) -> tuple[Array, Array]:
-        """Return parameters and Jacobian of `descend`, and store its last step."""
+        """Return the parameters and Jacobian of `descend`, and store the size of its last step."""
         values, jacobian, self._left = descend(residuals, start, bounds=self._bounds, **options)
         return values, jacobian
 
     def _scaled(self, points: Array, smooth: bool = False) -> list[Stretches]:
-        """Return residuals divided by the unit of their output, and store the point of the smallest error."""
+        """Return residuals divided by the unit of their output; store the best of all points so far."""
         residuals = self._replay.residuals(points, smooth)
         for point, stretches in zip(points, residuals, strict=True) if not smooth else ():
             cost = sum(float(np.mean(r**2)) / s**2 for r, s in zip(stretches, self._deviations, strict=True))
@@ -248,7 +248,7 @@ class _Search:
                 for stretches in residuals]
 
     def _relative(self, points: Array, smooth: bool = False, samples: int = 1) -> Array:
-        """Return residuals over measured deviations, averaged over `samples`; points are relative to their sizes."""
+        """Return residuals over measured deviations, averaged over `samples`; points are in multiples of `_size`."""
         return np.array([np.concatenate([
             *(mean / (s * sqrt(len(mean))) for r, s in zip(stretches, self._deviations, strict=True)
               for mean in (r[:len(r) // samples * samples].reshape(-1, samples).mean(axis=1),)),
@@ -259,8 +259,8 @@ class _Search:
 def _require_plausible(replay: Replay, residuals: Stretches, largest: float) -> None:
     """Raise RecordError for a column that no parameters explain: its sign or unit is wrong, or an input is missing.
 
-    `residuals` belong to one point; `largest` is the largest plausible ratio of measured to simulated deviations, or of
-    its inverse.
+    `residuals` are those at one point. `largest` is the largest plausible ratio of measured to simulated standard
+    deviations, or of its inverse.
     """
     for r, (i, j) in zip(residuals, replay.owners, strict=True):
         record, v = replay.records[i], replay.outputs[j]
@@ -286,14 +286,14 @@ def _contradicted(fit: Fit, free: Sequence[Unknown]) -> Iterator[str]:
     prior's variance minus the estimate's.
     """
     for u, value, sigma in zip(free, fit.values, fit.sigmas):
-        if u.known and (value - u.mean) ** 2 > _CONTRADICTED**2 * max(u.sigma**2 - sigma**2, 0.01 * u.sigma**2):
-            yield (f"{u.name} = {value:.6g} {u.unit} lies {abs(value - u.mean) / u.sigma:.2g} sigma of its prior from "
-                   f"{u.mean:.6g}, which the records contradict: correct the prior, or look for an effect that the "
-                   "model lacks")
+        if u.has_prior and (value - u.mean) ** 2 > _CONTRADICTED**2 * max(u.sigma**2 - sigma**2, 0.01 * u.sigma**2):
+            yield (f"{u.name} = {value:.6g} {u.unit} lies {abs(value - u.mean) / u.sigma:.2g} sigma from its prior, "
+                   f"{u.mean:.6g}: the records contradict the prior; correct it, or look for an effect that the model "
+                   "lacks")
 
 
 def _poor(comparisons: Sequence[Comparison]) -> Iterator[str]:
-    """Yield a message for each output whose error without noise exceeds a small share of its deviation."""
+    """Yield a message for each output whose error without noise exceeds a small share of its measured deviation."""
     for c in comparisons:
         if c.unexplained > _POOR:
             yield (f"{c.record.name}: {c.variable.name} ({c.use}) is explained poorly: {100.0 * c.unexplained:.0f} % "
@@ -334,7 +334,7 @@ def _drift(simulated: Array, error: Array, step: float, time: float) -> tuple[fl
 
 
 def _drawings(compared: Sequence[Comparison], fit: Fit) -> Iterator[Drawing]:
-    """Yield a picture of each record, measured and simulated, and one of the residuals of the fitted records."""
+    """Yield a picture of each record, measured and simulated, then one of the residuals of the fitted records."""
     for (name, purpose), group in groupby(compared, key=lambda c: (c.record.name, c.use)):
         panels_of = list(group)
         elapsed = panels_of[0].record["time"] - panels_of[0].record["time"][0]

@@ -5,7 +5,7 @@ The current loop, (2.46) with its PI controller, is linear while neither current
     L di/dt = K_p (i_ref - i) + xi - R i - K_e w        dxi/dt = K_i (i_ref - i)        i_ref = K_v u(t - T_d) + i_off
 
 A row's reference is constant until the next row, as from a DAC, and arrives T_d later, in general between two rows. The
-exact discretisation is split at that time (modified z-transform): the delay is resolved to a fraction of the sample
+exact discretisation is split at that time (modified z-transform), which resolves the delay to a fraction of the sample
 interval. Right after a step the gain is K_v K_p/(R + K_p), then it creeps towards K_v with the slow mode of the
 integral: fast records determine delay and K_p, slow records K_v and K_i.
 """
@@ -38,18 +38,18 @@ NAMES = ("drive.current_gain", "drive.current_offset", "drive.transport_delay", 
 GAIN, OFFSET, DELAY, KP, KI = range(5)
 
 FAST = 10.0  # smallest number of samples of the fastest record within the delay
-LONGEST_DELAY = 0.1  # s, upper limit of the parameter
+LONGEST_DELAY = 0.1  # s, upper limit of drive.transport_delay
 FEWEST_LEVELS = 3
 _SLOWEST = 1e-3  # s, longest sample interval of a fast record: longer than any current loop's time constant
-_LENGTH = 0.1  # shortest duration of the longest record, as a share of the integral's time constant
+_LENGTH = 0.1  # smallest duration of the longest record, as a share of the integral's time constant
 _SETTLED = 5e-3  # s after the arrival of a step that are left out of slow records, which cannot show the transient
 _WORST = 0.25  # largest relative 1 sigma of gain, delay and K_p in a result
 _STEP = 8.0  # smallest change of a reference that counts as a step, in standard deviations of its noise
 
 
-class _Run(NamedTuple):
-    """A record with its reference [V] and current [A], the mask of its fitted rows, and the index of its initial
-    integral [V] among the fitted values."""
+class _Fitted(NamedTuple):
+    """A record with its reference [V] and current [A], the mask `used` of its fitted rows, and an index: that of its
+    initial integral [V] among the fitted values."""
 
     record: Record
     reference: Array
@@ -62,7 +62,7 @@ class _Run(NamedTuple):
         return self.record.step <= _SLOWEST
 
     def modelled(self, x: Array, values: Mapping[str, Any]) -> Array:
-        """Return the simulated current [A] for the fitted values `x`."""
+        """Return the simulated current [A] at each row, for the fitted values `x`."""
         return response(x[:5], float(x[self.integral_index]), self.reference, self.record.columns.get("motor_speed"),
                         self.record.step, values)
 
@@ -76,25 +76,26 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     fast = [r for r in records if r.step <= _SLOWEST]
     require(fast, "the sample rate is too low for the transport delay and the current loop: the fastest record has a "
             f"sample every {min(r.step for r in records) * 1e3:.3g} ms; log at least one record with steps of the "
-            f"reference, a sample every {_rise(values) * 1e3:.2g} ms or less, L/(R + Kp), and {FAST:g} in the delay")
+            f"reference, with a sample every {_rise(values) * 1e3:.2g} ms, L/(R + Kp), or less, and {FAST:g} samples "
+            "in the delay")
     start = _delay(fast, values)
     _require_rate(start + 2.0 * _rise(values), min(r.step for r in fast))
-    runs = [_Run(record, record["drive_reference"], record["motor_current"], _used(record, start), 5 + k)
+    fitted = [_Fitted(record, record["drive_reference"], record["motor_current"], _used(record, start), 5 + k)
             for k, record in enumerate(records)]
-    _require(runs, start, values)
-    fit = _fit(runs, start, values)
+    _require(fitted, start, values)
+    fit = _fit(fitted, start, values)
     parameters = estimates(fit, base)
-    _require_answer(parameters, fit, runs, values)
-    return Identification(EXPERIMENT, records, base, fit, parameters, [*_notes(runs, fit, values)],
-                          lambda: _drawings(runs, fit, values))
+    _require_answer(parameters, fit, fitted, values)
+    return Identification(EXPERIMENT, records, base, fit, parameters, [*_notes(fitted, fit, values)],
+                          lambda: _drawings(fitted, fit, values))
 
 
 def response(parameters: Any, initial: float, reference: Array, speed: Array | None, step: float,
              values: Mapping[str, Any]) -> Array:
     """Return the linear loop's current [A] at each row, for reference [V] and motor speed [rad/s] (None: clamped).
 
-    `parameters` are K_v [A/V], i_off [A], T_d [s], K_p [V/A] and K_i [V/(A.s)]; the loop starts in steady state with
-    xi = `initial` [V]. Rows are `step` [s] apart. `values` has the motor's parameters.
+    `parameters` are K_v [A/V], i_off [A], T_d [s], K_p [V/A] and K_i [V/(A.s)]. The current starts at the steady state
+    of the first reference and xi = `initial` [V]. Rows are `step` [s] apart. `values` has the motor's parameters.
     """
     gain, offset, delay, kp, ki = parameters
     p = nonlinear.ACTUATOR.namespace({**values, "drive.current_gain": gain, "drive.current_offset": offset})
@@ -105,44 +106,43 @@ def response(parameters: Any, initial: float, reference: Array, speed: Array | N
     e = np.array([-1.0 / inductance, 0.0])
     whole = int(np.floor(delay / step))
     fraction = delay / step - whole
-    f, late = _held(a, b, step * (1.0 - fraction))  # the part of the interval after the arrival
-    _, early = _held(a, b, step * fraction)
-    phi, back = _held(a, e, step)
-    # x_k+1 = Phi x_k + f(early) u_k-whole-1 + late u_k-whole
-    before = np.concatenate([np.full(whole + 1, demanded[0]), demanded])[:len(demanded)]
-    now = np.concatenate([np.full(whole, demanded[0]), demanded])[:len(demanded)]
-    # Steady state: the current at xi = initial and the first demand.
-    rest = np.array([(kp * demanded[0] + initial) / (resistance + kp), initial])
-    pushed = np.outer(before, f @ early) + np.outer(now, late)
+    rest_of_interval, late = _discretised(a, b, step * (1.0 - fraction))  # after the arrival
+    _, early = _discretised(a, b, step * fraction)
+    phi, back = _discretised(a, e, step)
+    # x_k+1 = phi x_k + (rest_of_interval early) u_k-whole-1 + late u_k-whole
+    previous = np.concatenate([np.full(whole + 1, demanded[0]), demanded])[:len(demanded)]
+    arrived = np.concatenate([np.full(whole, demanded[0]), demanded])[:len(demanded)]
+    start = np.array([(kp * demanded[0] + initial) / (resistance + kp), initial])
+    added = np.outer(previous, rest_of_interval @ early) + np.outer(arrived, late)
     if speed is not None:
-        pushed = pushed + np.outer(drive.back_emf(p, speed), back)
-    return _first_state(phi, rest, pushed)
+        added = added + np.outer(drive.back_emf(p, speed), back)
+    return _first_state(phi, start, added)
 
 
-def _held(a: Array, b: Array, time: float) -> tuple[Array, Array]:
+def _discretised(a: Array, b: Array, time: float) -> tuple[Array, Array]:
     """Return the transition matrix over `time` [s], and the effect of a constant unit input."""
-    transition, added, *_ = cont2discrete((a, b[:, None], np.eye(2), np.zeros((2, 1))), time)
-    return transition, added[:, 0]
+    transition, effect, *_ = cont2discrete((a, b[:, None], np.eye(2), np.zeros((2, 1))), time)
+    return transition, effect[:, 0]
 
 
-def _first_state(phi: Array, start: Array, pushed: Array) -> Array:
-    """Return the first component of x_k+1 = phi x_k + pushed_k, by its difference equation."""
+def _first_state(phi: Array, start: Array, added: Array) -> Array:
+    """Return the first component of x in x_k+1 = phi x_k + added_k, by its difference equation."""
     trace, determinant = float(np.trace(phi)), float(np.linalg.det(phi))
-    # First row of (z^2 - trace z + det) x = adj(z - phi) pushed.
-    total = np.concatenate([start[:1], pushed[:-1, 0]])
-    before = np.concatenate([start[None], pushed[:-2]])
+    # First row of (z^2 - trace z + det) x = adj(z - phi) added.
+    total = np.concatenate([start[:1], added[:-1, 0]])
+    before = np.concatenate([start[None], added[:-2]])
     total[1:] += phi[0, 1] * before[:, 1] - phi[1, 1] * before[:, 0]
     current: Array = lfilter([1.0], [1.0, -trace, determinant], total)
     return current
 
 
 def _rise(values: Mapping[str, Any]) -> float:
-    """Return the time constant [s] of the current loop."""
+    """Return the time constant [s] with which the current rises."""
     return float(values["motor.inductance"] / (values["motor.resistance"] + values["drive.kp"]))
 
 
 def _check(record: Record, values: Mapping[str, Any]) -> None:
-    """Raise RecordError for a record that is clipped or saturated, has an implausible magnitude or no step."""
+    """Raise RecordError for a record that is clipped or saturated, or has an implausible magnitude or no step."""
     refuse_magnitude(record, "drive_reference", 1.1 * values["drive.reference_limit"],
                      "1.1 times drive.reference_limit")
     refuse_magnitude(record, "motor_current", 2.0 * values["drive.current_limit"], "2 times drive.current_limit")
@@ -159,7 +159,7 @@ def _check(record: Record, values: Mapping[str, Any]) -> None:
 
 
 def _noise(x: Array) -> float:
-    """Return the standard deviation of the noise of a signal with steps, robustly from its differences; above 0."""
+    """Return the standard deviation of a signal's noise, above 0, by a median of differences, which ignores steps."""
     return float(median_abs_deviation(np.diff(x), scale="normal") / 2.0**0.5) + 1e-9
 
 
@@ -179,7 +179,8 @@ def _used(record: Record, delay: float) -> NDArray[np.bool_]:
 
 
 def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
-    """Return an initial delay [s]: the shift with which the reference explains the current best, less the rise time."""
+    """Return a first estimate of the delay [s]: the shift of best fit of the reference to the current, minus the rise.
+    """
     step = min(r.step for r in fast)
     shifts = np.arange(0.0, min(LONGEST_DELAY, 0.5 * min(len(r) * r.step for r in fast)), step)
     unexplained = np.zeros(len(shifts))
@@ -197,46 +198,46 @@ def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
     return max(float(shifts[best]) - _rise(values), 0.0)
 
 
-def _require(runs: Sequence[_Run], delay: float, values: Mapping[str, Any]) -> None:
-    """Raise RecordError for too few levels or too short records, or slopes far from the base set's gain."""
-    levels = distinct(np.concatenate([run.reference[run.used] for run in runs]), 0.05)
+def _require(fitted: Sequence[_Fitted], delay: float, values: Mapping[str, Any]) -> None:
+    """Raise RecordError for too few levels, too short records, or slopes far from the base set's gain."""
+    levels = distinct(np.concatenate([r.reference[r.used] for r in fitted]), 0.05)
     require(len(levels) >= FEWEST_LEVELS and min(levels) < 0.0 < max(levels),
             f"the reference has {len(levels)} level(s) ({min(levels):.3g} to {max(levels):.3g} V): gain and offset "
             f"need at least {FEWEST_LEVELS} levels, of both signs")
-    late = [run.record.late(run.reference, delay + _rise(values)) for run in runs]
-    slopes = [float(np.polyfit(x[run.used], run.current[run.used], 1)[0]) for x, run in zip(late, runs, strict=True)]
-    for run, slope in zip(runs, slopes, strict=True):
+    late = [r.record.late(r.reference, delay + _rise(values)) for r in fitted]
+    slopes = [float(np.polyfit(x[r.used], r.current[r.used], 1)[0]) for x, r in zip(late, fitted, strict=True)]
+    for r, slope in zip(fitted, slopes, strict=True):
         rises = f"motor_current rises by {slope:.4g} A per volt of drive_reference"
-        run.record.require(slope > 0.0, f"motor_current falls with drive_reference ({slope:.3g} A/V): one of them has "
+        r.record.require(slope > 0.0, f"motor_current falls with drive_reference ({slope:.3g} A/V): one of them has "
                            "the wrong sign; change it in the file")
-        run.record.require(0.1 < slope / values["drive.current_gain"] < 10.0,
+        r.record.require(0.1 < slope / values["drive.current_gain"] < 10.0,
                            f"{rises}, {slope / values['drive.current_gain']:.3g} times the gain in the base set: "
                            "check the units of both columns in the header")
-        run.record.require(0.6 < slope / slopes[0] < 1.7, f"{rises}, but by {slopes[0]:.4g} in {runs[0].record.name}: "
+        r.record.require(0.6 < slope / slopes[0] < 1.7, f"{rises}, but by {slopes[0]:.4g} in {fitted[0].record.name}: "
                            "check the units in both files' headers, and that both records are from one drive")
     if values["drive.ki"] <= 0.0:
         return
     # A record much shorter than the integral's time constant shows the proportional action only.
     slow = (values["motor.resistance"] + values["drive.kp"]) / values["drive.ki"]
-    longest = max(len(r.record) * r.record.step for r in runs)
+    longest = max(len(r.record) * r.record.step for r in fitted)
     require(longest >= _LENGTH * slow, f"the longest record lasts {longest:.3g} s, but by the base parameters the "
             f"drive's integral has the time constant (R + Kp)/Ki = {slow:.3g} s: gain and Ki cannot be distinguished. "
             f"Add a slow staircase of {_LENGTH * slow:.3g} s or more, or give base parameters with a better drive.ki "
             "(0: no integral)")
 
 
-def _fit(runs: Sequence[_Run], start: float, values: Mapping[str, Any]) -> Fit:
+def _fit(fitted: Sequence[_Fitted], start: float, values: Mapping[str, Any]) -> Fit:
     """Fit the drive's parameters and each record's initial integral [V]."""
-    slow = [r for r in runs if not r.fast] or list(runs)
+    slow = [r for r in fitted if not r.fast] or list(fitted)
     slope, offset = np.polyfit(np.concatenate([r.reference[r.used] for r in slow]),
                                np.concatenate([r.current[r.used] for r in slow]), 1)
-    initial = np.zeros(len(runs))
+    initial = np.zeros(len(fitted))
     lowest = np.array([-np.inf, -np.inf, 0.0, 1e-3 * values["drive.kp"], -np.inf, *(initial - np.inf)])
     scale = np.array([slope, 0.1, 1e-3, values["drive.kp"], max(values["drive.ki"], 1e-2), *(initial + 0.1)])
 
     def residuals(x: Array) -> list[Array]:
         x = np.maximum(x, lowest)
-        return [(r.current - r.modelled(x, values))[r.used] for r in runs]
+        return [(r.current - r.modelled(x, values))[r.used] for r in fitted]
 
     # Far from the true delay the sum of squares is flat: the fit begins at the best of a few delays and values of kp.
     starts = [np.array([slope * (1.0 + values["motor.resistance"] / kp), offset, delay, kp, values["drive.ki"],
@@ -244,7 +245,7 @@ def _fit(runs: Sequence[_Run], start: float, values: Mapping[str, Any]) -> Fit:
               for delay in start + np.array([0.0, 0.5, 1.0, 1.5]) * _rise(values)
               for kp in np.array([0.3, 1.0, 3.0]) * values["drive.kp"]]
     begin = min(starts, key=lambda x: sum(float(r @ r) / len(r) for r in residuals(x)))
-    return weighted_fit(NAMES, each(residuals), begin, scale, range(len(runs)))
+    return weighted_fit(NAMES, each(residuals), begin, scale, range(len(fitted)))
 
 
 def _require_rate(delay: float, step: float) -> None:
@@ -252,11 +253,12 @@ def _require_rate(delay: float, step: float) -> None:
             f"{delay / step:.2g} samples of the fastest record; log at {FAST / max(delay, 1e-4):.3g} Hz or more")
 
 
-def _require_answer(parameters: Sequence[Estimate], fit: Fit, runs: Sequence[_Run], values: Mapping[str, Any]) -> None:
-    """Raise RecordError for estimates that are too uncertain, or depend on a limited voltage."""
+def _require_answer(parameters: Sequence[Estimate], fit: Fit, fitted: Sequence[_Fitted],
+                    values: Mapping[str, Any]) -> None:
+    """Raise RecordError for estimates that are too uncertain or implausible, or depend on a limited voltage."""
     gain, _, delay, kp, ki = parameters
     identified = {**values, **{e.name: e.value for e in parameters}}
-    step, rise = min(r.record.step for r in runs), _rise(identified)
+    step, rise = min(r.record.step for r in fitted), _rise(identified)
     _require_rate(delay.value, step)
     require(rise >= 0.7 * step, "the sample rate is too low for the current loop: the current rises within "
             f"{rise * 1e3:.2g} ms, between two samples {step * 1e3:.2g} ms apart, and delay and Kp cannot be "
@@ -266,33 +268,33 @@ def _require_answer(parameters: Sequence[Estimate], fit: Fit, runs: Sequence[_Ru
             "current creeps away from its reference; check that the winding did not heat up, and motor.resistance")
     p, x = nonlinear.ACTUATOR.namespace(identified), fit.values
     supply = float(values["drive.supply_voltage"])
-    for run in (r for r in runs if r.fast):
-        i_ref = drive.current_reference(ARRAYS, p, run.record.late(run.reference, delay.value))
-        demand = np.abs(drive.voltage_demand(p, i_ref, run.modelled(x, values), x[run.integral_index]))
-        run.record.require(demand.max() <= supply, "the drive's voltage is saturated: the steps demand "
+    for r in [r for r in fitted if r.fast]:
+        i_ref = drive.current_reference(ARRAYS, p, r.record.late(r.reference, delay.value))
+        demand = np.abs(drive.voltage_demand(p, i_ref, r.modelled(x, values), x[r.integral_index]))
+        r.record.require(demand.max() <= supply, "the drive's voltage is saturated: the steps demand "
                            f"{demand.max():.3g} V from a supply of {supply:g} V, and their rise depends on the "
                            f"supply instead of Kp; use steps below {0.9 * supply / (kp.value * gain.value):.2g} V")
 
 
-def _notes(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> Iterator[str]:
+def _notes(fitted: Sequence[_Fitted], fit: Fit, values: Mapping[str, Any]) -> Iterator[str]:
     _, _, delay, kp, ki = fit.values[:5]
     resistance, inductance = values["motor.resistance"], values["motor.inductance"]
     slow = f"then {(resistance + kp) / ki:.3g} s for the integral" if ki > 0.0 else "without an integral"
-    yield (f"The delay is {delay / min(r.record.step for r in runs):.2f} samples of the fastest record; it includes "
+    yield (f"The delay is {delay / min(r.record.step for r in fitted):.2f} samples of the fastest record; it includes "
            "any delay between the two channels of the logger, and begins at the first row of a new reference.")
     yield (f"Current loop: {inductance / (resistance + kp) * 1e3:.3g} ms, {slow}; right after a step "
-           f"{kp / (resistance + kp):.1%} of the demanded current flow.")
+           f"{kp / (resistance + kp):.1%} of the demanded current flows.")
     yield "Kp scales with motor.inductance and motor.resistance, whose uncertainty is not included."
     if fit.sigmas[KI] > 0.3 * abs(ki):
-        yield "drive.ki is uncertain: add a slow record with the reference constant for much of the integral's time."
-    if not any("motor_speed" in r.record.columns for r in runs):
+        yield "drive.ki is uncertain: add a slow record with the reference constant for much of this time constant."
+    if not any("motor_speed" in r.record.columns for r in fitted):
         yield "No record has motor_speed: the rotor was assumed clamped."
 
 
-def _drawings(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> Iterator[Drawing]:
+def _drawings(fitted: Sequence[_Fitted], fit: Fit, values: Mapping[str, Any]) -> Iterator[Drawing]:
     x = fit.values
     parts, lines = [], []
-    for r in runs:
+    for r in fitted:
         time = r.record["time"] - r.record["time"][0]
         stop = np.searchsorted(time, 0.03) if r.fast else len(time)
         parts.append((r.record.name, [pictures.Series("model", time[:stop], r.current[:stop], time[:stop],
@@ -304,7 +306,7 @@ def _drawings(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> Iter
     yield pictures.panels(
         "Current against time", parts, "time [s]", "motor current [A]",
         "Measured current and the fitted current loop; of fast records the first 30 ms.", sharey=False)
-    steps = [(r.record.name, [series]) for r in runs if r.fast and (series := _steps(r, x, values)) is not None]
+    steps = [(r.record.name, [series]) for r in fitted if r.fast and (series := _steps(r, x, values)) is not None]
     yield pictures.panels(
         "Steps of the reference", steps or [("no single steps", [])], "time since the step of the reference [ms]",
         "share of the step",
@@ -315,24 +317,25 @@ def _drawings(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> Iter
         "Slow records without transients; the line has the identified gain and offset. The distance of a point from "
         "the line is the error that the integral has not yet corrected.")
     # Records of a tenth of a second and of a minute share one axis.
-    yield pictures.residuals([(r.record.name, (t := r.record["time"][r.used]) / t[-1]) for r in runs], fit,
+    yield pictures.residuals([(r.record.name, (t := r.record["time"][r.used]) / t[-1]) for r in fitted], fit,
                              "share of the record's time", "residual current [A]")
 
 
-def _steps(run: _Run, x: Array, values: Mapping[str, Any]) -> pictures.Series | None:
-    """Return the larger steps of a fast record, as shares of the step over time [ms]; None if there is none."""
-    model, h, delay = run.modelled(x, values), run.record.step, x[DELAY] * 1e3
+def _steps(r: _Fitted, x: Array, values: Mapping[str, Any]) -> pictures.Series | None:
+    """Return current and model in a fast record's larger steps, as shares of the step over time [ms]; None without any.
+    """
+    model, h, delay = r.modelled(x, values), r.record.step, x[DELAY] * 1e3
     before, after = int(0.3e-3 / h) + 1, int(1.2e-3 / h) + 1
     lag = int(x[DELAY] / h)
-    at = lag + _changes(run.reference)
+    at = lag + _changes(r.reference)
     at = at[(at >= before) & (at + after <= len(model)), None]
     size = model[at + after - 1] - model[at - 1]
-    large = np.abs(size[:, 0]) >= 0.3 * np.ptp(run.current) / 2.0
+    large = np.abs(size[:, 0]) >= 0.3 * np.ptp(r.current) / 2.0
     if not large.any():
         return None
     at, size, around = at[large], size[large], np.arange(-before, after)
     t = np.tile((lag + around) * h * 1e3, len(at))
-    shares = ((run.current[at + around] - model[at - 1]) / size).ravel()
+    shares = ((r.current[at + around] - model[at - 1]) / size).ravel()
     grid = np.linspace(t.min(), t.max(), 300)
     rise = values["motor.inductance"] / (values["motor.resistance"] + x[KP]) * 1e3
     curve = np.where(grid > delay, 1.0 - np.exp(-np.maximum(grid - delay, 0.0) / rise), 0.0)

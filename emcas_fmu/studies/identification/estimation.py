@@ -2,7 +2,7 @@
 
 A first fit gives each record's noise. The record's residuals are weighted by this noise and by their autocorrelation
 time tau = 1 + 2 sum rho_k, at least that of white noise: n samples are worth n/tau independent ones. The sum ends at
-the first window of five tau (Sokal 1997, "Monte Carlo methods in statistical mechanics", section 3). Records with few
+the first lag of five tau (Sokal 1997, "Monte Carlo methods in statistical mechanics", section 3). Records with few
 residuals share one tau, since each alone would be too uncertain. The covariance is (sum J'J/(s^2 tau))^-1 with the
 records' residual variances s^2, corrected for degrees of freedom. If residuals are simultaneous, as those of several
 outputs of an actuator, the covariance includes the correlation of their sums over five tau by the sandwich formula
@@ -25,32 +25,32 @@ from .records import Array, RecordError, require
 
 METHOD = ("weighted least squares; 1 sigma from the covariance scaled by each file's residuals and by their "
           "autocorrelation time")
-Stretches = Sequence[Array]
+Stretches = Sequence[Array]  # residuals, an array for each stretch of successive samples
 _WINDOW = 5.0
 _PASSES = 3
 _SUMS = 20  # smallest number of sums of residuals from which a correlation is estimated
 _DIFFERENCE = 6e-6  # relative step of central differences: the cube root of the rounding error is best
-# The same for simulations: a delay acts in thousandths of a sample; roughness must be small against the change.
+# The same for simulations, in which delays have a tolerance of a thousandth of a sample: for a smooth function, and the
+# largest for a rough function, whose change must exceed its roughness.
 _SMOOTH_DIFFERENCE, _ROUGH_DIFFERENCE = 3e-3, 3e-2
-# For `descend`: the longest relative step; the number of last steps that are averaged for a rough function; the size of
-# steps [sigma] at which the iteration ends; the most trials of a step, each half of the last, while the sum of squares
-# exceeds the lowest by a factor, which is larger than the effect of roughness.
+# For `descend`: longest relative step; number of last steps that are averaged for a rough function; mean step [sigma]
+# below which the iteration ends; most trials of a step, each half as long as the last; ratio of the sum of squares to
+# the lowest one below which a trial is accepted, more than the effect of roughness.
 _LONGEST, _LAST, SETTLED, _HALVINGS, _WORSE = 0.3, 4, 0.2, 6, 1.1
 _ROUNDING = 1e-9  # smallest relative sigma of a parameter: records without noise leave no residuals
-_SIGMAS = 10.0  # step of differences in sigmas: roughness up to the noise then changes slopes by a twentieth
-_ENOUGH = 90  # residuals from which a record has its own time if that is longer than the time that small records share
-_ALONE = 500  # residuals from which a record does not need the shared time
+_SIGMAS = 10.0  # step of differences [sigma]: roughness as large as the noise then changes slopes by a twentieth
+_ENOUGH = 90  # residuals from which a small record has its own correlation time if it is longer than the shared time
+_ALONE = 500  # residuals from which a record is not small and has its own time
 _SINGULAR = 1e-10  # smallest relative singular value: the accuracy of the Jacobian's differences
-# Noise estimated from few residuals may be much too small: the noise of a record is at least this share of the median.
-_QUIETEST = 0.2
+_QUIETEST = 0.2  # smallest noise of a record relative to the median, since few residuals may give far too little
 
 
 @dataclass(frozen=True)
 class Fit:
     """Estimated `values`, the first of which have `names`, with their `covariance`; the `residuals` of each stretch.
 
-    `owners` has the index of each stretch's record. `deviations` and correlation `times` [samples] are those of the
-    records.
+    `owners` has the index of each stretch's record. Each record has a standard deviation of its residuals in
+    `deviations`, and a correlation time [samples] in `times`.
     """
 
     names: Sequence[str]
@@ -80,7 +80,7 @@ class Fit:
 
 
 def correlation_time(residuals: Sequence[Array]) -> float:
-    """Return the integrated autocorrelation time [samples] of several stretches; 1 for white noise."""
+    """Return the integrated autocorrelation time [samples] of all stretches of residuals; 1 for white noise."""
     longest = max(len(r) for r in residuals)
     power = sum(float(r @ r) for r in residuals)
     if power == 0.0:
@@ -99,7 +99,8 @@ def each(residuals: Callable[[Array], Stretches]) -> Callable[[Array], list[Stre
 
 
 def _jacobian(residuals: Callable[[Array], Array], x: Array, difference: Array | float) -> Array:
-    """Return the Jacobian by central differences, for parameters of the order of one."""
+    """Return the Jacobian by central differences with relative steps `difference`, for parameters of the order of one.
+    """
     changes = np.diag(difference * np.maximum(np.abs(x), 1.0))
     after, before = np.split(residuals(np.concatenate([x + changes, x - changes])), 2)
     jacobian: Array = ((after - before) / (2.0 * changes.max(axis=1))[:, None]).T
@@ -134,8 +135,8 @@ def descend(residuals: Callable[[Array], Array], start: Array, bounds: tuple[Arr
     The Jacobian is that of the residuals, projected on Z; the covariance is that of instrumental variables (Soderstrom
     and Stoica 1983, section 4). A step that increases the squares is halved. After at most `steps` steps, or when steps
     are short, the result is the mean of the last points. `ratios` convert `residuals` to multiples of their noise;
-    where they are not 0, large residuals are weighted in proportion, as in soft L1 (Triggs et al. 2000, section 4).
-    Other arguments are those of `solve`.
+    where they are not 0, large residuals count in proportion to their size, as in soft L1 (Triggs et al. 2000,
+    section 4). Other arguments are those of `solve`.
     """
     def weight_root(r: Array) -> Array:
         root: Array = (1.0 + (ratios * r) ** 2) ** -0.25
@@ -181,9 +182,9 @@ def _times(records: Sequence[Sequence[Array]], deviations: Array) -> Array:
 
 
 def _common(influences: Array, time: float) -> Array:
-    """Return the correlation of simultaneous residuals [outputs, rows] over longer times than their correlation `time`.
+    """Return the correlation matrix of simultaneous residuals [outputs, rows], summed over five times `time` [rows].
 
-    It is the correlation of sums over rows: the residuals of outputs may also differ by delays.
+    Sums show the correlation of outputs that differ by delays.
     """
     samples = max(min(round(_WINDOW * time), influences.shape[1] // _SUMS), 1)
     rows = influences.shape[1] // samples * samples
@@ -200,13 +201,13 @@ def weighted_fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Str
                  smooth: Callable[[Array], Sequence[Stretches]] | None = None, together: Sequence[int] = ()) -> Fit:
     """Fit parameters, the first of which have `names`, to stretches of residuals by weighted least squares.
 
-    `residuals` maps points [points, parameters] to the stretches of each. `scale` has each parameter's typical size.
-    `owners` has the index of each stretch's record: a record's stretches have the same noise. `least_time` [samples] is
-    the correlation time of residuals of white noise. A `prior` has each parameter's mean and finite 1 sigma. `minimise`
-    is `solve`, or has its arguments and result. The noise follows from the rms residual, or with `robust` from the
-    median, which also weights large residuals as in `descend`; for `smooth` see there. Stretches with the same number
-    in `together`, each from a different record, are simultaneous and may have common noise, as outputs of one actuator.
-    Raises RecordError if the parameters cannot be determined.
+    `residuals` maps points [points, parameters] to the stretches at each point. `scale` has each parameter's typical
+    size. `owners` has the index of each stretch's record: a record's stretches have the same noise. `least_time`
+    [samples] is the correlation time of the residuals of white noise. A `prior` has each parameter's mean and finite
+    1 sigma. `minimise` has the arguments and result of `solve`. The noise follows from the rms residual. With `robust`
+    it follows from the median, and large residuals are weighted as in `descend`; for `smooth` see there. Stretches with
+    the same number in `together`, with different owners, are simultaneous and may have common noise, as outputs of one
+    actuator. Raises RecordError if the parameters cannot be determined.
     """
     count, values = max(owners) + 1, start / scale
     weights, times = np.ones(count), np.ones(count)

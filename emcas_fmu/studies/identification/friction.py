@@ -25,7 +25,7 @@ from ...physics import friction, mechanics
 from ...units import RPM
 from . import motion, pictures
 from .estimation import Fit
-from .records import DIRECTIONS, Array, Record, distinct, divided, read_records, require
+from .records import DIRECTIONS, Array, Record, distinct, divided, read_records, require, sequences
 from .result import Estimate, Experiment, Identification, estimates, require_certain
 
 EXPERIMENT = Experiment(
@@ -40,12 +40,12 @@ _TABLE = ("friction.table.temperature[1]", "friction.table.temperature[2]")
 NAMES = (*VISCOUS, *COULOMB["positive"], *COULOMB["negative"], *RATIOS)
 
 FEWEST_SPEEDS = 3  # smallest number per direction: a line through two points always fits
-SPEED_SPREAD = 5.0  # smallest ratio of fastest to slowest speed, to separate Coulomb from viscous friction
+SPEED_SPREAD = 5.0  # smallest ratio of fastest to slowest speed that separates Coulomb from viscous friction
 FEWEST_KELVIN = 10.0  # smallest difference of the temperatures: a third of the 30 K between the points of the table
-COVERAGE = 0.75  # share of +-command.limit that each direction must cover, for the polynomials
+COVERAGE = 0.75  # share of +-command.limit that sweeps in each direction must cover to determine the polynomials
 _CONSTANT = 0.10  # relative band around a sweep's speed
-_ACCELERATING = 0.10  # largest share of the torque that may accelerate at constant speed
-_CREEP = 0.2  # share of a sweep's speed; a window with a slower sample has stick-slip
+_ACCELERATING = 0.10  # largest share of the torque that accelerates at constant speed
+_CREEP = 0.2  # lowest speed in a window without stick-slip, as a share of the sweep's speed
 _DRIFT = 5.0  # K, largest change of the temperature within a record
 _FEWEST_WINDOWS = 8
 _PLAUSIBLE = 30.0  # ratio to the base set's friction beyond which a unit is probably wrong
@@ -55,7 +55,7 @@ _WORST_COULOMB, _WORST = 0.2, 0.5  # largest relative 1 sigma in a result: Coulo
 class Sweep(NamedTuple):
     """Consecutive windows at constant `speed` [rad/s], in one `direction` (1, -1) and at one `temperature` [degC].
 
-    `fin` [rad] and `torque` [N.m] are fin angle and friction torque in each window.
+    `fin` is the fin angle [rad], `torque` the friction torque [N.m] in each window.
     """
 
     direction: int
@@ -67,9 +67,9 @@ class Sweep(NamedTuple):
 
 
 def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = False) -> Identification:
-    """Identify the friction parameters.
+    """Identify the friction parameters; with `keep_ratios` from records at one temperature. Raises RecordError.
 
-    With `keep_ratios` the cold ratios are those of `base`: for measurements at one temperature. Raises RecordError.
+    With `keep_ratios`, the ratios of cold to warm friction are those of `base`.
     """
     records = read_records(paths, EXPERIMENT.required, EXPERIMENT.optional)
     sweeps, owners = divided(records, lambda record: _sweeps(record, base.values))
@@ -77,7 +77,7 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
     names = NAMES[:-2] if keep_ratios else NAMES
     level = max(float(np.mean(np.abs(np.concatenate([s.torque for s in sweeps])))), 1e-12)
     fastest = max(s.speed for s in sweeps)
-    flat = [level, *[0.0] * 6]  # initial polynomial: that of the base set may be far off
+    flat = [level, *[0.0] * 6]  # initial polynomial, since that of the base set may be far off
     start = np.array([*[0.1 * level / fastest] * 2, *flat, *flat, 1.0, 1.0])[:len(names)]
     scale = np.array([*[level / fastest] * 2, *[level] * 14, 1.0, 1.0])[:len(names)]
     fit = motion.fit_motion(base.values, names, [s.windows for s in sweeps], [s.temperature for s in sweeps], start,
@@ -98,12 +98,12 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
 
 
 def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
-    """Return the stretches of a record at constant speed. Raises RecordError if there is none."""
+    """Return the sweeps in a record. Raises RecordError if there is none."""
     motion.check(record, values)
     temperature = record["temperature"]
     record.require(np.ptp(temperature) <= _DRIFT, f"temperature drifts by {np.ptp(temperature):.3g} K within the "
                    f"record; at most {_DRIFT:g} K count as one temperature: wait until it settles, or cut the record")
-    # Short windows first, to estimate the duration of the sweeps; then windows of a twentieth of it.
+    # Short windows give the duration of the sweeps; the final windows are a twentieth of it.
     width = max(len(record) // 100, 6)
     first = motion.averages(record, width, max(width // 2, 1))
     moving = float(np.mean(np.abs(first.speed) > 0.5 * np.abs(first.speed).max())) * len(record)
@@ -124,11 +124,12 @@ def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
         steady = (np.abs(along - speed) < _CONSTANT * speed) & unaccelerated
         smooth = a.slowest > _CREEP * speed
         slipping += int(np.sum((along > 0.3 * speed) & (along < 3.0 * speed) & ~smooth))
-        for stretch in motion.stretches(steady & smooth, _FEWEST_WINDOWS):
-            inside = stretch[1:-1]  # the first and the last window may overlap the motion before and after
-            windows = a.at(inside)
-            sweeps.append(Sweep(direction, float(np.mean(direction * windows.speed)), float(np.mean(temperature)),
-                                windows, fin[inside], torque[inside]))
+        for begin, end in sequences(steady & smooth):
+            if end - begin >= _FEWEST_WINDOWS:
+                inside = slice(begin + 1, end - 1)  # the first and the last window may overlap other motion
+                windows = a.at(inside)
+                sweeps.append(Sweep(direction, float(np.mean(direction * windows.speed)), float(np.mean(temperature)),
+                                    windows, fin[inside], torque[inside]))
     record.require(sweeps, "has no stretch at constant speed: " + (
         "the motion sticks and slips; sweep faster or stiffen the speed control" if slipping > _FEWEST_WINDOWS else
         f"{_FEWEST_WINDOWS} windows in a row within {_CONSTANT:.0%} of one speed are needed; sweep at constant speed "
@@ -169,7 +170,7 @@ def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> 
 
 
 def _listed(sweeps: Sequence[Sweep], quantity: str) -> str:
-    """Return the different speeds [rpm] or temperatures [degC] of sweeps, for a message."""
+    """Return the different speeds [rpm] or temperatures [degC] of sweeps as text."""
     numbers = [getattr(s, quantity) * (RPM if quantity == "speed" else 1.0) for s in sweeps]
     return ", ".join(f"{x:.3g}" for x in distinct(numbers, 1.0 if quantity == "temperature" else 0.0))
 
@@ -213,7 +214,7 @@ def _require_certain(parameters: Sequence[Estimate], fit: Fit, base: ParameterSe
 
 def _band(fit: Fit, direction: str, fin: Array) -> Array:
     """Return 1 sigma [N.m] of a direction's Coulomb polynomial at fin angles [rad]."""
-    # The polynomial is linear in its coefficients: its gradient has the polynomials of unit coefficients.
+    # The polynomial is linear in its coefficients: the derivatives are the polynomials of unit coefficients.
     rows = np.array([friction.coulomb_polynomial(unit, fin) for unit in np.eye(7)]).T
     indices = [fit.names.index(n) for n in COULOMB[direction]]
     band: Array = np.sqrt(np.einsum("ij,jk,ik->i", rows, fit.covariance[np.ix_(indices, indices)], rows))
@@ -258,7 +259,7 @@ def _against_speed(sweeps: Sequence[Sweep], values: Mapping[str, Any]) -> Iterat
         if not (alike := [s for s in sweeps if s.direction == direction and abs(s.temperature - t) < 5.0]):
             continue
         p = motion.namespace(values, float(np.mean([s.temperature for s in alike])))
-        # Coulomb friction at each fin angle is replaced by that at fin angle 0.
+        # Coulomb friction at fin angle 0 replaces that at each window's fin angle.
         centre = float(friction.coulomb(FLOATS, p, float(direction), 0.0))
         torque = np.array([np.mean(direction * s.torque - friction.coulomb(ARRAYS, p, float(direction), s.fin))
                            + centre for s in alike])

@@ -23,7 +23,7 @@ from ...physics import kinematics, mechanics
 from . import motion, pictures
 from .estimation import Fit
 from .friction import COULOMB, VISCOUS
-from .records import DIRECTIONS, Array, Record, divided, read_records, require
+from .records import DIRECTIONS, Array, Record, divided, read_records, require, sequences
 from .result import Estimate, Experiment, Identification, estimates, require_certain
 
 EXPERIMENT = Experiment(
@@ -35,8 +35,8 @@ MOTOR = "inertia.motor"
 SPREAD = 1.5  # smallest ratio of highest to lowest torque in one direction
 _NAMES = (MOTOR, *VISCOUS, *COULOMB["positive"], *COULOMB["negative"])
 _WORST = 0.1  # largest relative 1 sigma of the total inertia in a result
-_SCALE = 40.0  # ratio of a file's inertia to that of the base set, above which a unit is wrong
-_SLOWEST = 0.02  # share of the largest speed: slower windows may contain standstill
+_SCALE = 40.0  # largest plausible ratio of the base set's inertia to that of a file; for the inverse, ten times this
+_SLOWEST = 0.02  # share of the largest speed below which a window may contain standstill
 
 
 def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
@@ -85,13 +85,13 @@ def _moving(record: Record, values: Mapping[str, Any]) -> list[motion.Averages]:
     width = int(np.clip(count / 12, 8, 64))
     a = motion.averages(record, width, max(width // 2, 1))
     sliding = a.slowest > _SLOWEST * np.abs(a.speed).max()
-    stretches = [a.at(inside) for inside in motion.stretches(sliding, 4)]
+    stretches = [a.at(slice(begin, end)) for begin, end in sequences(sliding) if end - begin >= 4]
     record.require(stretches, f"no motion is long enough to show an acceleration: fewer than 4 windows of {width} "
                    "samples; log faster, or with a smaller current")
     # A wrong unit in one file would distort the fit of all files.
     expected, torque = _total(values), float(np.mean(_torques(stretches, values)))
     implied = torque / float(np.mean(np.abs(np.concatenate([a.acceleration for a in stretches]))))
-    # Friction increases the torque, most in a spin-up that hardly overcomes friction.
+    # The torque includes friction, which is most of it in a spin-up that hardly overcomes friction.
     record.require(1.0 / _SCALE < implied / expected < 10.0 * _SCALE, "torque and acceleration do not fit together: "
                    f"motor.torque_constant times motor_current, {torque:.3g} N.m, over the acceleration is "
                    f"{implied:.3g} kg.m2, {implied / expected:.2g} times the inertia of the base parameters; check the "
@@ -106,7 +106,7 @@ def _torques(parts: Sequence[motion.Averages], values: Mapping[str, Any]) -> Arr
 
 
 def _require(parts: Sequence[motion.Averages], base: ParameterSet) -> None:
-    """Raise RecordError for spin-ups in one direction only, or at one level of torque in a direction."""
+    """Raise RecordError for spin-ups in one direction only, or at one torque in a direction without braking."""
     for direction, word in DIRECTIONS:
         stretches = [a for a in parts if np.sign(a.speed[0]) == direction]
         require(stretches, f"there is no spin-up in the {word} direction: the friction to subtract differs with "

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal.windows import hann
 
 from ...actuators.electromechanical import nonlinear
@@ -20,32 +19,32 @@ from ...ops.arrays import ARRAYS
 from ...physics import drive, kinematics, loads, mechanics
 from ...steppers.rigid import stops
 from .estimation import Fit, each, weighted_fit
-from .records import Array, Record, refuse_clipped, refuse_magnitude, runs
+from .records import Array, Record, refuse_clipped, refuse_magnitude
 
-# Correlation time of averages of white noise: windows that overlap by half share a sixth of their variance, 1 + 2/6.
+# Correlation time [windows] of averages of white noise: 1 + 2/6, as windows that overlap by half correlate by 1/6.
 _OVERLAP = 4.0 / 3.0
-# Largest plausible motor angle over the travel, and current over its limit; above, a unit or zero is wrong.
+# Largest plausible ratios of motor angle to travel and of current to its limit; above, a unit or a zero is wrong.
 _OVER_TRAVEL, _OVER_CURRENT = 1.25, 2.0
 WARM = 24.0  # degC, temperature for which friction.viscous and friction.coulomb are valid
 
 
 class Averages(NamedTuple):
-    """Means [windows] over windows, in SI: time, motor angle, motor speed, motor acceleration, motor current."""
+    """Means over windows [windows], in SI: time, motor angle, motor speed, motor acceleration, motor current."""
 
     time: Array
     angle: Array
     speed: Array
     acceleration: Array
     current: Array
-    slowest: Array  # lowest speed [rad/s] in each window, positive along the direction of motion
+    slowest: Array  # lowest speed in each window, positive along the direction of motion
 
     def at(self, windows: Any) -> Averages:
-        """Return the averages of the `windows` with these indices, slice or mask."""
+        """Return the averages of some `windows`: indices, a slice or a mask."""
         return Averages(*(column[windows] for column in self))
 
 
 def check(record: Record, values: Mapping[str, Any]) -> None:
-    """Raise RecordError for a clipped current, implausible magnitudes, no motion, or a speed unlike the angle's."""
+    """Raise RecordError for a clipped current, implausible magnitudes, no motion or a speed unlike the angle's rate."""
     p = nonlinear.ACTUATOR.namespace(values)
     travel = motor_travel(p)
     refuse_clipped(record, "motor_current")
@@ -74,7 +73,7 @@ def motor_travel(p: Any) -> float:
 
 
 def fin_angle(p: Any, motor_angle: Array) -> Array:
-    """Return the fin angle [rad] for a motor angle [rad], from the geometry of lever and screw."""
+    """Return the fin angle [rad] at a motor angle [rad], by the geometry of lever and screw."""
     angle: Array = kinematics.fin_at(ARRAYS, p, motor_angle)
     return angle
 
@@ -106,7 +105,7 @@ def namespace(values: Mapping[str, Any], temperature: Array | float) -> Any:
 
 
 def balance(p: Any, a: Averages) -> tuple[mechanics.Mechanics, Array]:
-    """Return mechanics, and friction torque [N.m], in windows: the other torques minus inertia times acceleration."""
+    """Return mechanics and friction torque [N.m] in windows: all other torques minus inertia times acceleration."""
     m = mechanics.coefficients(ARRAYS, p, a.angle, loads.level(ARRAYS, p))
     driving = drive.torque(p, a.current) + m.load + m.centrifugal * a.speed * a.speed
     return m, driving - m.inertia * a.acceleration
@@ -116,7 +115,7 @@ def fit_motion(values: Mapping[str, Any], names: Sequence[str], parts: Sequence[
                temperatures: Sequence[float], start: Array, scale: Array, owners: Sequence[int]) -> Fit:
     """Fit the parameters `names` to the equation of motion in windows in which the motor slides.
 
-    `parts` are stretches of windows, `temperatures` [degC] those of the parts; `values` has the other parameters.
+    `parts` are stretches of windows, each at one of the `temperatures` [degC]. `values` has the other parameters.
     Residuals are torques [N.m]; for `start`, `scale` and `owners` see :func:`.estimation.weighted_fit`.
     """
     windows = Averages(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
@@ -132,8 +131,3 @@ def fit_motion(values: Mapping[str, Any], names: Sequence[str], parts: Sequence[
         return np.split(torque - friction, ends)
 
     return weighted_fit(names, each(residuals), start, scale, owners, _OVERLAP)
-
-
-def stretches(windows: NDArray[np.bool_], fewest: int) -> list[NDArray[np.int64]]:
-    """Return the indices of each sequence of True with at least `fewest` windows."""
-    return [np.arange(begin, end) for begin, end in runs(windows) if end - begin >= fewest]

@@ -12,7 +12,7 @@ from ...figures.plots import COLORS, GRAY, Drawing, figure, legend
 from .estimation import Fit
 from .records import Array
 
-MOST_POINTS = 800  # most points of a series: more only make the page larger
+MOST_POINTS = 800  # of a series: more would only make the page larger
 
 
 class Series(NamedTuple):
@@ -27,7 +27,7 @@ class Series(NamedTuple):
 
 
 def thinned(*columns: Array) -> tuple[Array, ...]:
-    """Return at most `MOST_POINTS` rows of columns, equally spaced."""
+    """Return at most `MOST_POINTS` equally spaced rows of columns of the same length."""
     step = max(-(-len(columns[0]) // MOST_POINTS), 1)
     return tuple(c[::step] for c in columns)
 
@@ -41,7 +41,7 @@ def panels(title: str, parts: Iterable[tuple[str, Iterable[Series]]], x_label: s
         for color, s in zip(COLORS * 4, series):
             x, y = thinned(s.x, s.y)
             size, alpha = (3.0, 0.45) if len(x) > 60 else (6.0, 1.0)
-            # In one colour, the model of a single series would be hard to see among its points.
+            # The model of a single series has another colour than its points, among which it would be hard to see.
             axes.plot(*thinned(s.model_x, s.model_y), color=COLORS[1] if len(series) == 1 else color, label=s.label)
             axes.plot(x, y, ".", color=color, markersize=size, alpha=alpha, linewidth=0, zorder=1.9,
                       label=s.label if len(series) > 1 else None)
@@ -57,7 +57,7 @@ def residuals(series: Sequence[tuple[str, Array]], fit: Fit, x_label: str, y_lab
               factor: float = 1.0) -> Drawing:
     """Plot residuals over a quantity on which they may depend, their distribution and their autocorrelation.
 
-    `series` has the label and abscissa of each stretch; residuals are multiplied by `factor`.
+    `series` has the label and that quantity for each stretch. Plotted residuals are multiplied by `factor`.
     """
     plot, ((first, second, third),) = figure(1, 3, width=9.5, height=2.9, width_ratios=(2.2, 1, 1), x=x_label,
                                               y=[y_label])

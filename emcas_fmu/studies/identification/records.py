@@ -35,13 +35,13 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
     "fin_angle": ("rad", "fin angle, measured directly on the fin shaft"),
     "temperature": ("degC", "ambient temperature; bare numbers are degC, as in parameter files"),
 }
+"""The unit (SI, degC for temperatures) and the meaning of each column."""
 DIRECTIONS = ((1, "positive"), (-1, "negative"))
 FEWEST_ROWS = 20
-# Largest jitter of a logger's time stamps, as a share of the sample interval: the estimates depend on differences
-# between neighbouring samples, which are wrong by the same share.
+# Largest jitter of a logger's time stamps, as a share of the sample interval. Estimates depend on differences between
+# neighbouring samples, whose relative error is the same.
 _JITTER = 0.05
-# Fewest successive equal values at an extreme that show a clipped record.
-_FLAT = 6
+_FLAT = 6  # fewest successive equal values at an extreme that show a clipped record
 _NOISY = 0.5  # share of samples equal to their neighbour, below which a record is noisy
 _HEADER = re.compile(r"\s*([A-Za-z_][A-Za-z0-9_.]*)\s*(?:\[([^\]]*)\])?\s*")
 
@@ -60,8 +60,7 @@ def require(condition: object, problem: str) -> None:
 class Record:
     """A file of measurements: `columns` by name, the sample interval `step` [s], the columns' `units` in the file.
 
-    `quantities` maps the name of a column to its unit (SI, degC for temperatures) and its meaning; `unused` are the
-    other names in the header.
+    `quantities` are as QUANTITIES. `unused` are the names of columns that are not read.
     """
 
     path: Path
@@ -84,7 +83,7 @@ class Record:
         return self.path.name
 
     def late(self, column: Array, delay: float) -> Array:
-        """Return a column of this record delayed by `delay` [s], interpolated at its rows."""
+        """Return a column of this record after a `delay` [s], interpolated between rows."""
         time = np.arange(len(self)) * self.step
         return column if delay == 0.0 else np.interp(time - delay, time, column)
 
@@ -97,8 +96,7 @@ def read_records(paths: Sequence[Path], required: Sequence[str], optional: Seque
                  quantities: Mapping[str, tuple[str, str]] = QUANTITIES) -> list[Record]:
     """Read ``time``, the `required` columns and existing `optional` columns from each file.
 
-    `quantities` maps the names of columns to their SI units and meanings. Raises RecordError for the first unusable
-    file, and for files with the same contents.
+    Raises RecordError for the first unusable file, and for files with the same contents.
     """
     require(paths, "there is no file: give at least one CSV file of measurements")
     records = [_record(path, ("time", *required), optional, quantities) for path in paths]
@@ -110,10 +108,10 @@ def read_records(paths: Sequence[Path], required: Sequence[str], optional: Seque
     return records
 
 
-def divided(records: Sequence[Record], stretches: Callable[[Record], Iterable[T]]) -> tuple[list[T], list[int]]:
-    """Return the parts that `stretches` makes of each record, and for each part the index of its record."""
-    pairs = [(stretch, i) for i, record in enumerate(records) for stretch in stretches(record)]
-    return [stretch for stretch, _ in pairs], [i for _, i in pairs]
+def divided(records: Sequence[Record], divide: Callable[[Record], Iterable[T]]) -> tuple[list[T], list[int]]:
+    """Return the parts into which `divide` divides the records, and the index of each part's record."""
+    pairs = [(part, i) for i, record in enumerate(records) for part in divide(record)]
+    return [part for part, _ in pairs], [i for _, i in pairs]
 
 
 def _record(path: Path, required: Sequence[str], optional: Sequence[str],
@@ -131,7 +129,7 @@ def _record(path: Path, required: Sequence[str], optional: Sequence[str],
             raise RecordError(f"{path}: data row {i} has {len(row)} cells, the header {len(header)}; "
                               "separate cells by commas and write decimals with a point")
     columns, units = {}, {}
-    for name, (index, unit) in _located(path, header, required, optional, quantities).items():
+    for name, (index, unit) in _indices_and_units(path, header, required, optional, quantities).items():
         columns[name] = _values(path, name, unit, quantities[name][0], [row[index] for row in rows], header[index])
         units[name] = unit
     require(len(rows) >= FEWEST_ROWS, f"{path}: has {len(rows)} rows; at least {FEWEST_ROWS} are needed")
@@ -139,9 +137,9 @@ def _record(path: Path, required: Sequence[str], optional: Sequence[str],
                   quantities, [name for cell in header if (name := cell.partition("[")[0].strip()) not in columns])
 
 
-def _located(path: Path, header: Sequence[str], required: Sequence[str], optional: Sequence[str],
-             quantities: Mapping[str, tuple[str, str]]) -> dict[str, tuple[int, str]]:
-    """Return the index and the unit in the file of each column, by name."""
+def _indices_and_units(path: Path, header: Sequence[str], required: Sequence[str], optional: Sequence[str],
+                       quantities: Mapping[str, tuple[str, str]]) -> dict[str, tuple[int, str]]:
+    """Return each column's index and unit in the file, by name."""
     cells = [match.groups() if (match := _HEADER.fullmatch(cell)) else (cell.strip(), None) for cell in header]
     names = [name for name, _ in cells]
     for name in required:
@@ -158,7 +156,7 @@ def _located(path: Path, header: Sequence[str], required: Sequence[str], optiona
 
 
 def _values(path: Path, name: str, unit: str, si: str, cells: Sequence[str], head: str) -> Array:
-    """Return a column's values, converted from the unit in the file to SI."""
+    """Return a column's values, converted from their unit in the file to `si`."""
     try:
         zero, one = (convert(Decimal(x), unit, si) for x in (0, 1))
     except UnitError as error:
@@ -181,7 +179,7 @@ def _interval(path: Path, time: Array) -> float:
         raise RecordError(f"{path}: time does not increase at data row {row} ({time[row - 2]:.9g} s, then "
                           f"{time[row - 1]:.9g} s); sort the rows and remove repeated ones")
     step = float(time[-1] - time[0]) / len(steps)
-    # Deviations up to 2e-9 of the largest time are rounding of time stamps to nine digits, not jitter.
+    # Deviations up to 2e-9 of the largest time come from time stamps with nine digits.
     if np.abs(time - time[0] - step * np.arange(len(time))).max() > max(0.5, _JITTER) * step \
             or np.abs(steps - step).max() > max(_JITTER * step, 2e-9 * np.abs(time).max()):
         row = int(np.argmax(np.abs(steps - step))) + 2
@@ -191,11 +189,11 @@ def _interval(path: Path, time: Array) -> float:
 
 
 def refuse_clipped(record: Record, name: str) -> None:
-    """Raise RecordError for a clipped column: one that is constant only at its largest or smallest value.
+    """Raise RecordError for a clipped column.
 
-    Clipping shows as a sequence of equal values or, if noise brings the signal back into the range, as an extreme value
-    that is far more frequent than its neighbours. Records without noise may be constant anywhere: only sequences are
-    evidence in them.
+    A clipped signal stays constant at its largest or smallest value for far longer than at other values. If noise
+    brings it back into the range, this value is far more frequent than its neighbours; without noise, frequent values
+    are no evidence.
     """
     values = record[name]
     equal = np.diff(values) == 0.0
@@ -203,16 +201,16 @@ def refuse_clipped(record: Record, name: str) -> None:
     levels, counts = np.unique(values, return_counts=True)
     if len(levels) < 3:
         return
-    for extreme, pile, neighbours in ((levels[-1], counts[-1], counts[-3:-1]), (levels[0], counts[0], counts[1:3])):
-        flat, others = longest(values == extreme), longest(equal & (values[1:] != extreme))
-        rests = flat >= _FLAT and flat > 4 * (others + 1)
-        piles = noisy and pile >= 2 * _FLAT and pile > 4 * (int(neighbours.max()) + 1)
-        record.require(not (rests or piles), f"{name} is clipped: {pile} samples are exactly at its extreme, "
+    for extreme, count, neighbours in ((levels[-1], counts[-1], counts[-3:-1]), (levels[0], counts[0], counts[1:3])):
+        at_extreme, elsewhere = longest(values == extreme), longest(equal & (values[1:] != extreme))
+        constant = at_extreme >= _FLAT and at_extreme > 4 * (elsewhere + 1)
+        frequent = noisy and count >= 2 * _FLAT and count > 4 * (int(neighbours.max()) + 1)
+        record.require(not (constant or frequent), f"{name} is clipped: {count} samples are exactly at its extreme, "
                        f"{extreme:.6g} {record.quantities[name][0]}; widen the measuring range, or excite less")
 
 
 def refuse_magnitude(record: Record, name: str, largest: float, meaning: str) -> None:
-    """Raise RecordError for a magnitude above `largest`, whose `meaning` the message gives: a wrong unit is likely."""
+    """Raise RecordError for a magnitude above `largest`: a wrong unit is likely. `meaning` is `largest` in words."""
     reached, unit = float(np.abs(record[name]).max()), record.quantities[name][0]
     record.require(reached <= largest, f"{name} reaches {reached:.4g} {unit}, more than {largest:.4g} {unit} "
                    f"({meaning}); it was read as {record.units[name]}: write its unit into the header, as in "
@@ -220,7 +218,7 @@ def refuse_magnitude(record: Record, name: str, largest: float, meaning: str) ->
 
 
 def distinct(numbers: Iterable[float], apart: float = 0.0) -> list[float]:
-    """Return the sorted numbers, without those within 15 %, or within `apart` (if not 0), of the last one kept."""
+    """Return the numbers in rising order, without those that are within `apart` (0: 15 %) of the last one kept."""
     levels: list[float] = []
     for number in sorted(numbers):
         if not levels or number - levels[-1] > (apart or 0.15 * abs(levels[-1])):
@@ -228,12 +226,11 @@ def distinct(numbers: Iterable[float], apart: float = 0.0) -> list[float]:
     return levels
 
 
-def runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return for each sequence of True its first index and the index after its last, an array [sequences, 2]."""
-    edges = np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0))
-    return edges.reshape(-1, 2)
+def sequences(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the first index of each sequence of True, and the index after its last, as an array [sequences, 2]."""
+    return np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0)).reshape(-1, 2)
 
 
 def longest(mask: NDArray[np.bool_]) -> int:
     """Return the length of the longest sequence of True."""
-    return int(np.diff(runs(mask)).max(initial=0))
+    return int(np.diff(sequences(mask)).max(initial=0))

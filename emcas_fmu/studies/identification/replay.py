@@ -1,4 +1,4 @@
-"""Replay records: simulate an actuator with measured inputs, and compare its outputs with measured outputs."""
+"""Replay records: simulate an actuator with measured inputs, and compare its outputs with the measured outputs."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _ANGLE, _START = "fin_angle", "fin.start_angle"
 _LATEST = 0.02  # [s] largest delay of a measured output
 _FAILED = 1e3  # error of a simulation that fails, in standard deviations of the measurement
 _SMOOTH: Mapping[str, Any] = {"encoder.enabled": False, "transducer.resolution": 0.0}  # without quantisation
-_ALIKE = 0.8  # similarity of names (difflib) from which one counts as a misspelling of the other
+_ALIKE = 0.8  # similarity (difflib) from which a name may be a misspelling of another
 _MOST = 20_000_000  # most output values simulated at once: 160 MB
 _FIRST = 10  # rows from which the initial fin rate is estimated
-_CERTAIN, _MOVING = 6.0, 0.1  # smallest initial rate that is reported: in sigmas; as a share of the fastest rate
-_COPIES, _SPREAD = 8, 1e-4  # initial angles whose mean response is compared; their spread, a share of command.limit
+_CERTAIN, _MOVING = 6.0, 0.1  # smallest reported initial rate: in sigmas, and as a share of the fastest rate
+_COPIES, _SPREAD = 8, 1e-4  # initial angles whose mean response is compared: number; range as a share of command.limit
 
 
 @dataclass(frozen=True)
@@ -61,10 +61,7 @@ class Comparison:
 
     @property
     def unexplained(self) -> float:
-        """Ratio of the error without white noise to the measured standard deviation.
-
-        White noise is estimated from the differences of neighbouring samples.
-        """
+        """Ratio of the error without white noise (from differences of neighbours) to the measured deviation."""
         error = self.simulated - self.measured
         power = float(np.mean(error**2) - 0.5 * np.mean(np.diff(error) ** 2))
         return 0.0 if self.constant else sqrt(max(power, 0.0)) / float(np.std(self.measured))
@@ -73,8 +70,7 @@ class Comparison:
     def figures(self) -> dict[str, float | None]:
         """Root mean square, mean magnitude and largest magnitude of the error, and the fit [%].
 
-        The fit is 100 (1 - |y - y_m| / |y - mean y|), that of system identification (Ljung 1999, section 16.4); None if
-        y is constant.
+        The fit is 100 (1 - |y - y_m| / |y - mean y|) as in Ljung (1999), section 16.4; None if y is constant.
         """
         error = self.simulated - self.measured
         spread = float(np.linalg.norm(self.measured - self.measured.mean()))
@@ -89,10 +85,9 @@ class Comparison:
 
 
 def read(paths: Sequence[Path], base: ParameterSet, compare: Sequence[str] = ()) -> tuple[list[Record], list[Variable]]:
-    """Read records of the actuator's inputs and outputs; return them, and the outputs to compare.
+    """Return records of the actuator's inputs and outputs, and the outputs to compare (default: those in all records).
 
-    By default these are the outputs that all records have. Raises RecordError for a record without an input or output,
-    EmcasError for an unknown output.
+    Raises RecordError for a record without an input or output, EmcasError for an unknown output.
     """
     actuator = base.actuator
     known = {v.name: v for v in actuator.outputs if v.kind == "Real"}
@@ -121,8 +116,8 @@ def misspelt(records: Iterable[Record], base: ParameterSet) -> Iterator[str]:
                 yield f"{record.name}: column {name} is not used; did you mean {close[0]}? Rename it, or leave it out"
 
 
-def use(records: Iterable[Record], base: ParameterSet, outputs: Sequence[Variable]) -> Iterator[str]:
-    """Yield the columns that are inputs, compared and not used; one line for all records with the same columns."""
+def columns_used(records: Iterable[Record], base: ParameterSet, outputs: Sequence[Variable]) -> Iterator[str]:
+    """Yield a line on the use of columns (input, compared, not used) for all records with the same columns."""
     compared = [v.name for v in outputs]
     lines: dict[str, list[str]] = {}
     for record in records:
@@ -137,10 +132,10 @@ def use(records: Iterable[Record], base: ParameterSet, outputs: Sequence[Variabl
 class Replay:
     """Simulates records for many values of the `unknowns` [SI] side by side.
 
-    The unknowns are the free parameters, the initial fin angle of each record if fin angles are compared, and the delay
-    of each output with `delays`. A fin angle that is measured but not compared gives the initial angle. `owners` are
-    the indices of record and output of each array of residuals. `rough` says that residuals are rough functions of the
-    parameters, because measured angles are quantised.
+    The unknowns are the free parameters, the initial fin angle of each record if fin angles are compared, and with
+    `delays` the delay of each output. A fin angle that is measured but not compared gives the initial angle. `owners`
+    are the indices of record and output of each array of residuals. `rough` says that residuals are rough functions of
+    the parameters, because the actuator quantises measured angles.
     """
 
     def __init__(self, base: ParameterSet, free: Sequence[Unknown], records: Sequence[Record],
@@ -158,10 +153,10 @@ class Replay:
                          else np.zeros(1))
 
     def residuals(self, points: Array, smooth: bool = False) -> list[Stretches]:
-        """Return for each of `points` simulated minus measured outputs [SI], one array for each output of each record.
+        """Return at each of `points` the simulated minus measured outputs [SI], one array per output and record.
 
-        With quantised angles, a response is a rough function of the parameters. Then the simulated outputs are means
-        over responses from close initial angles, or, if `smooth`, responses without quantisation.
+        If residuals are `rough`, the simulated outputs are means over responses from close initial angles, or with
+        `smooth` the response without quantisation.
         """
         names, columns = [v.name for v in self.outputs], []
         for record in self.records:
@@ -173,7 +168,7 @@ class Replay:
 
     def _simulated(self, record: Record, points: Array, names: Sequence[str], smooth: bool = False,
                    mean: bool = False) -> list[Array]:
-        """Return the outputs [points, rows] of a record at points; with `mean`, means over several initial angles."""
+        """Return each output [points, rows] for a record; with `mean` it is the mean over several initial angles."""
         start = np.full(len(points), record[_ANGLE][0] if _ANGLE in record.columns else self._subject.values[_START])
         if record.sha256 in self._free_start:
             start = points[:, self._free_start[record.sha256]]
@@ -181,7 +176,7 @@ class Replay:
         different, run_of = np.unique(np.column_stack([points[:, :self.free], start]), axis=0, return_inverse=True)
         offsets = self._offsets if mean else np.zeros(1)
         most = max(_MOST // (len(offsets) * len(record) * len(names)), 1)  # at once
-        parts = [self._means(record, part, names, self._smooth if smooth else {}, offsets)
+        parts = [self._mean_outputs(record, part, names, self._smooth if smooth else {}, offsets)
                  for part in np.split(different, range(most, len(different), most))]
         simulated = [np.concatenate(of_name)[run_of.ravel()] for of_name in zip(*parts, strict=True)]
         if self._delays:
@@ -190,22 +185,21 @@ class Replay:
                          if name in delays else of_name for name, of_name in zip(names, simulated, strict=True)]
         return simulated
 
-    def _means(self, record: Record, points: Array, names: Sequence[str], others: Mapping[str, Any],
-               offsets: Array) -> list[Array]:
-        """Return means of outputs over `offsets` [rad] of the initial angle; points have free parameters and angle."""
+    def _mean_outputs(self, record: Record, points: Array, names: Sequence[str], fixed: Mapping[str, Any],
+                      offsets: Array) -> list[Array]:
+        """Return outputs as means over `offsets` [rad] of the initial angle, the last value of each point."""
         columns = np.repeat(points, len(offsets), axis=0).T
         changes = {name: column for u, column in zip(self.unknowns, columns[:-1], strict=False)
                    for name in (u.name, u.follower) if name}
         inputs = {v.name: record[v.name] for v in self._subject.inputs.values() if v.name in record.columns}
         runs = self._subject.run_all(Excitation(record.name, inputs, step=record.step), {
-            **changes, _START: columns[-1] + np.tile(offsets, len(points)), **others}, names)
+            **changes, _START: columns[-1] + np.tile(offsets, len(points)), **fixed}, names)
         return [runs.columns[name].reshape(-1, len(offsets), len(record)).mean(axis=1) for name in names]
 
     def comparisons(self, values: Array, others: Sequence[Record]) -> Iterator[Comparison]:
-        """Yield the comparisons of all records and of `others`, held out, which start at the first measured angle.
+        """Yield the comparisons of all records, then of the records held out, `others`, at the unknowns' `values`.
 
-        The outputs are simulated with the `values` of the unknowns, and with quantisation. Raises RecordError for a
-        simulation that fails.
+        Simulations of `others` start at the first measured fin angle. Raises RecordError for a simulation that fails.
         """
         for record in (*self.records, *others):
             simulated = self._simulated(record, values[None], [v.name for v in self.outputs])
@@ -218,8 +212,8 @@ class Replay:
     def moving(self, values: Array, others: Sequence[Record]) -> Iterator[str]:
         """Yield a message for each record that does not begin at rest, as the simulation does.
 
-        The initial fin rate is estimated over the first rows. It is reported if the slope of the error shows that a
-        start at rest does not explain it.
+        The initial fin rate is estimated over the first rows. It is reported if the error rises with a similar slope,
+        which a start at rest does not explain.
         """
         for record in (*self.records, *others):
             if _ANGLE in record.columns:

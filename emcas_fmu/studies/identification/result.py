@@ -1,7 +1,7 @@
 """Description and result of an experiment: columns, assumptions, estimates with uncertainty, notes, plots.
 
-The identified values are also written as a parameter file, together with the values of the base set that differ from
-the defaults: each experiment can start from the file that the previous one has written.
+A parameter file gets the identified values and the values of the base set that differ from the defaults: each
+experiment can start from the file that the previous one has written.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _REMARK = "Reported, no parameter: "
 
 @dataclass(frozen=True)
 class Estimate:
-    """An estimated value with its 1-sigma uncertainty and the value in the base set (None: it has none), all in `unit`.
+    """An estimated `value` with its 1 `sigma`, and the value in the `base` set (None without one), all in `unit`.
 
     If `parameter` is false, the model has no parameter with this `name`, and the estimate is only reported.
     """
@@ -40,7 +40,7 @@ class Estimate:
 
 
 def estimates(fit: Fit, base: ParameterSet) -> list[Estimate]:
-    """Return the estimates of the named values of a fit; the names are those of parameters."""
+    """Return the estimates of a fit's named values, which are parameters of the `base` set."""
     entries = {e.variable.name: e for e in base.entries}
     return [Estimate(name, float(value), float(sigma), entries[name].variable.unit, float(entries[name].value))
             for name, value, sigma in zip(fit.names, fit.values, fit.sigmas)]
@@ -84,7 +84,7 @@ class Identification:
 
     @property
     def files(self) -> str:
-        """Names of the data files, for a note; for more than three: their number, the first and the last."""
+        """Names of the record files for a note; of more than three: their number, the first and the last name."""
         names = [r.name for r in self.records]
         return ", ".join(names) if len(names) <= 3 else f"{len(names)} files from {names[0]} to {names[-1]}"
 
@@ -125,7 +125,7 @@ class Identification:
         write_page(path, self.template, [self.base], result=self, figures=pictures(self.drawings()))
 
     def document(self) -> Mapping[str, Any]:
-        """Return everything except the plots, for JSON."""
+        """Return the result for JSON, without the plots."""
         entries = [asdict(e) for e in self.estimates]
         count = len(self.fit.names)
         return {"kind": self.experiment.kind, "title": self.experiment.title, "emcas_version": __version__,
@@ -161,7 +161,7 @@ def _array(name: str) -> str:
 
 
 def _remarks(result: Identification, base_files: Iterable[Path]) -> list[str]:
-    """Return the remarks on estimates that are not parameters, and those in the base files that they do not replace."""
+    """Return remarks on estimates that are not parameters: those in the base files without a new one, then new ones."""
     new = [f"{_REMARK}{e.name} = {_rounded(e):g} {e.unit} (1 sigma {e.sigma:.2g}; {result.files})"
            for e in result.estimates if not e.parameter]
     replaced = tuple(line.partition(" = ")[0] + " = " for line in new)
@@ -171,7 +171,7 @@ def _remarks(result: Identification, base_files: Iterable[Path]) -> list[str]:
 
 
 def _rounded(estimate: Estimate) -> float:
-    """Return the value, rounded to three digits of its uncertainty: more digits are noise."""
+    """Return the value, rounded to the third significant digit of its sigma, as more digits are noise."""
     if not estimate.sigma > 0.0:
         return estimate.value
     return round(estimate.value, 2 - floor(log10(estimate.sigma))) + 0.0  # no -0

@@ -24,8 +24,8 @@ class Unknown:
     """A number to fit between two bounds, with its typical `size` and its prior, all in `unit`.
 
     The prior is a normal distribution with `mean` and 1 `sigma`. The default prior of a parameter is as wide as the
-    interval between its bounds: a parameter that the records do not determine stays near the base set. `follower` is
-    a parameter that is equal to it; `known` says that the caller has passed a prior.
+    interval between its bounds: a parameter that the records do not determine stays near the base set. The parameter
+    `follower` gets the same value. `has_prior` says that the caller has passed a prior.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Unknown:
     sigma: float
     size: float
     follower: str = ""
-    known: bool = False
+    has_prior: bool = False
 
     @property
     def start(self) -> float:
@@ -44,14 +44,14 @@ class Unknown:
         return min(max(self.mean, self.lower), self.upper)
 
     def between(self, share: float) -> float:
-        """Return the value at a share of the interval between the bounds; logarithmically if they are above 0."""
+        """Return the value at a `share` [1] of the interval between the bounds, logarithmic if they are above 0."""
         if self.lower > 0.0 and self.unit != "degC":  # ratios of degC have no meaning
             return float(self.lower * (self.upper / self.lower) ** share)
         return self.lower + (self.upper - self.lower) * share
 
 
 def nuisance(name: str, unit: str, start: float, size: float, largest: float) -> Unknown:
-    """Return an unknown within +-`largest` that is not a parameter, with a wide prior."""
+    """Return an unknown within +-`largest` that is not a parameter; the prior has the sigma `largest`."""
     return Unknown(name, unit, -largest, largest, start, largest, size)
 
 
@@ -60,8 +60,8 @@ def free_parameters(base: ParameterSet, free: Iterable[str], priors: Iterable[st
 
     Default bounds are a fifth of the value and five times the value, within the limits of the parameter. The name of an
     array frees each of its elements; their default bounds are five times the largest magnitude, with either sign. A
-    parameter that is physically equal to a free one, as the back-EMF constant to the torque constant, follows it if the
-    base set has equal values. Raises EmcasError.
+    parameter that is physically equal to a free one, as the back-EMF constant to the torque constant, follows it if
+    their values in the base set are equal. Raises EmcasError for other texts and for parameters that cannot be free.
     """
     unknowns = {each.name: each for text in free for each in _free(base, text)}
     if not unknowns:
@@ -77,7 +77,7 @@ def free_parameters(base: ParameterSet, free: Iterable[str], priors: Iterable[st
             if not u.lower <= values[0] <= u.upper:
                 raise EmcasError(f"prior {text}: its value is beyond the bounds of {name}, {u.lower:.6g} to "
                                  f"{u.upper:.6g} {u.unit}; correct the value, or widen the bounds")
-            unknowns[name] = replace(u, mean=values[0], sigma=values[1], known=True)
+            unknowns[name] = replace(u, mean=values[0], sigma=values[1], has_prior=True)
     for name, other in (pair for names in base.actuator.equal_parameters for pair in (names, names[::-1])):
         if name in unknowns and other not in unknowns and base.values[other] == base.values[name]:
             unknowns[name] = replace(unknowns[name], follower=other)
@@ -95,7 +95,7 @@ def _free(base: ParameterSet, text: str) -> Iterator[Unknown]:
             raise EmcasError(f"{name} determines the times at which the model is computed, and simulations depend on "
                              "it abruptly; set it in a parameter file, and free others")
         if v.unit == "degC" and not bounds:
-            raise EmcasError(f"{name} is in degC, so that its value gives no default bounds; give bounds, as in "
+            raise EmcasError(f"{name} is in degC: its value gives no default bounds; give bounds, as in "
                              f"{name}=-40..70 degC")
         lower, upper = bounds or sorted((value / SPREAD, value * SPREAD))
         if len(names) > 1 and not bounds:  # a coefficient may be 0 or change its sign
@@ -116,17 +116,17 @@ def _parsed(base: ParameterSet, text: str, form: re.Pattern[str],
             expected: str) -> tuple[Sequence[str], tuple[float, float] | None]:
     """Return the name of the parameter, or of each element of an array, and the two numbers in its unit, if any."""
     name, equals, rest = (part.strip() for part in text.partition("="))
-    known = {e.variable.name: e.variable for e in base.entries}
-    names = [name] if name in known else [each for each in known if each.startswith(f"{name}[")]
+    variables = {e.variable.name: e.variable for e in base.entries}
+    names = [name] if name in variables else [each for each in variables if each.startswith(f"{name}[")]
     if not names:
-        raise EmcasError(f"{base.actuator.name} has no parameter {name}{hint(name, known)}")
+        raise EmcasError(f"{base.actuator.name} has no parameter {name}{hint(name, variables)}")
     if not equals:
         return names, None
     match = form.fullmatch(rest)
     if not match:
         raise EmcasError(f"{text}: expected {name}={expected}")
     one, other, written = match.groups()
-    unit = known[names[0]].unit
+    unit = variables[names[0]].unit
     try:
         first, second = (quantity(number, written, unit) for number in (one, other))
         if form is _PRIOR:  # sigma is a difference: subtract the offset of a unit such as degC
