@@ -20,7 +20,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.parameters.toml import tomllib
 from emcas_fmu.studies.identification import drive, motion
 from emcas_fmu.studies.identification.estimation import SETTLED, Fit, correlation_time, descend, each, weighted_fit
-from emcas_fmu.studies.identification.records import Array, Record
+from emcas_fmu.studies.identification.records import Array, RecordFile
 from examples.identification_bench import bench, rig
 from tests.marks import slow
 
@@ -167,7 +167,7 @@ def test_windows_average_a_polynomial_motion_exactly() -> None:
     time = np.arange(400) * 1e-3
     angle = 3.0 + 40.0 * time + 500.0 * time**2
     columns = {"time": time, "motor_angle": angle, "motor_current": 2.0 + 10.0 * time}
-    a = motion.averages(Record(Path("x.csv"), 1e-3, columns, {}, ""), 16, 8)
+    a = motion.averages(RecordFile(Path("x.csv"), 1e-3, columns, {}, ""), 16, 8)
     # Symmetric windows: means of linear functions are those at the middle, second differences of a parabola constant.
     np.testing.assert_allclose(a.acceleration, 1000.0, rtol=1e-6)
     np.testing.assert_allclose(a.speed, 40.0 + 1000.0 * a.time, rtol=1e-9)

@@ -22,7 +22,7 @@ from ...figures.plots import Drawing
 from ...parameters import ParameterSet
 from . import motion, pictures
 from .estimation import Fit, each, weighted_fit
-from .records import DIRECTIONS, Array, Record, divided, read_records, refuse_magnitude, require
+from .records import DIRECTIONS, Array, RecordFile, divided, read_records, refuse_magnitude, require
 from .result import Estimate, Experiment, Identification
 
 EXPERIMENT = Experiment("backlash", "Backlash", ("motor_angle", "fin_angle"), (),
@@ -76,7 +76,7 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
         lambda: _drawings(sweeps, [(r, _indirect(r, p)) for r in records], fit, reach))
 
 
-def _indirect(record: Record, p: Any) -> Array:
+def _indirect(record: RecordFile, p: Any) -> Array:
     """Return the fin angle [rad] from the motor angle. Raises RecordError if the measured fin angle contradicts it."""
     indirect = motion.fin_angle(p, record["motor_angle"])
     refuse_magnitude(record, "motor_angle", 1.25 * motion.motor_travel(p), "1.25 times the travel to fin.stop_angle")
@@ -96,7 +96,7 @@ def _turns(angle: Array) -> list[int]:
     return [0, *sorted(np.concatenate([*peaks]).tolist()), len(angle) - 1]
 
 
-def _sweeps(record: Record, indirect: Array) -> Iterator[Sweep]:
+def _sweeps(record: RecordFile, indirect: Array) -> Iterator[Sweep]:
     """Yield the sweeps of a record. Raises RecordError if one has too few samples."""
     difference = record["fin_angle"] - indirect
     for begin, end in pairwise(_turns(indirect)):
@@ -121,7 +121,7 @@ def _model(x: Array, direction: int, fin: Array, reach: float) -> Array:
     return difference
 
 
-def _drawings(sweeps: Sequence[Sweep], traces: Sequence[tuple[Record, Array]], fit: Fit,
+def _drawings(sweeps: Sequence[Sweep], traces: Sequence[tuple[RecordFile, Array]], fit: Fit,
               reach: float) -> Iterator[Drawing]:
     series = []
     for direction, word in DIRECTIONS:

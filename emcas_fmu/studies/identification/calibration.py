@@ -26,7 +26,7 @@ from ...parameters import MeasuredRecord, ParameterSet
 from ...support.progress import Progress, silent
 from . import pictures
 from .estimation import SETTLED, Fit, Stretches, descend, solve, weighted_fit
-from .records import Array, Record, longest, require
+from .records import Array, RecordFile, longest, require
 from .replay import Comparison, columns_used, misspelt, read
 from .replay import Replay as Replay
 from .result import Estimate, Experiment, Identification
@@ -82,7 +82,7 @@ class Calibration(Identification):
         return [*lines, *self.faults]
 
     @property
-    def used(self) -> list[tuple[Record, str]]:
+    def used(self) -> list[tuple[RecordFile, str]]:
         """The records, each with its use."""
         return list({c.record.sha256: (c.record, c.use) for c in self.comparisons}.values())
 

@@ -28,7 +28,7 @@ from ...parameters import ParameterSet
 from ...physics import drive
 from . import pictures
 from .estimation import Fit, each, weighted_fit
-from .records import Array, Record, distinct, read_records, refuse_clipped, refuse_magnitude, require
+from .records import Array, RecordFile, distinct, read_records, refuse_clipped, refuse_magnitude, require
 from .result import Estimate, Experiment, Identification, estimates, require_certain
 
 EXPERIMENT = Experiment(
@@ -51,7 +51,7 @@ class _Fitted(NamedTuple):
     """A record with its reference [V] and current [A], the mask `used` of its fitted rows, and an index: that of its
     initial integral [V] among the fitted values."""
 
-    record: Record
+    record: RecordFile
     reference: Array
     current: Array
     used: NDArray[np.bool_]
@@ -141,7 +141,7 @@ def _rise(values: Mapping[str, Any]) -> float:
     return float(values["motor.inductance"] / (values["motor.resistance"] + values["drive.kp"]))
 
 
-def _check(record: Record, values: Mapping[str, Any]) -> None:
+def _check(record: RecordFile, values: Mapping[str, Any]) -> None:
     """Raise RecordError for a record that is clipped or saturated, or has an implausible magnitude or no step."""
     refuse_magnitude(record, "drive_reference", 1.1 * values["drive.reference_limit"],
                      "1.1 times drive.reference_limit")
@@ -168,7 +168,7 @@ def _changes(reference: Array) -> Any:
     return np.flatnonzero(np.abs(np.diff(reference)) > max(_STEP * _noise(reference), 1e-3)) + 1
 
 
-def _used(record: Record, delay: float) -> NDArray[np.bool_]:
+def _used(record: RecordFile, delay: float) -> NDArray[np.bool_]:
     """Return the mask of fitted rows: all rows of a fast record, and the rows of a slow one outside transients."""
     used = np.ones(len(record), dtype=bool)
     if record.step > _SLOWEST:
@@ -178,7 +178,7 @@ def _used(record: Record, delay: float) -> NDArray[np.bool_]:
     return used
 
 
-def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
+def _delay(fast: Sequence[RecordFile], values: Mapping[str, Any]) -> float:
     """Return a first estimate of the delay [s]: the shift of best fit of the reference to the current, minus the rise.
     """
     step = min(r.step for r in fast)

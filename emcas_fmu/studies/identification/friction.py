@@ -25,7 +25,7 @@ from ...physics import friction, mechanics
 from ...units import RPM
 from . import motion, pictures
 from .estimation import Fit
-from .records import DIRECTIONS, Array, Record, distinct, divided, read_records, require, sequences
+from .records import DIRECTIONS, Array, RecordFile, distinct, divided, read_records, require, sequences
 from .result import Estimate, Experiment, Identification, estimates, require_certain
 
 EXPERIMENT = Experiment(
@@ -97,7 +97,7 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
     return Identification(EXPERIMENT, records, base, fit, parameters, notes, lambda: _drawings(sweeps, fit, values))
 
 
-def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
+def _sweeps(record: RecordFile, values: Mapping[str, Any]) -> list[Sweep]:
     """Return the sweeps in a record. Raises RecordError if there is none."""
     motion.check(record, values)
     temperature = record["temperature"]

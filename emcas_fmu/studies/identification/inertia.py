@@ -23,7 +23,7 @@ from ...physics import kinematics, mechanics
 from . import motion, pictures
 from .estimation import Fit
 from .friction import COULOMB, VISCOUS
-from .records import DIRECTIONS, Array, Record, divided, read_records, require, sequences
+from .records import DIRECTIONS, Array, RecordFile, divided, read_records, require, sequences
 from .result import Estimate, Experiment, Identification, estimates, require_certain
 
 EXPERIMENT = Experiment(
@@ -77,7 +77,7 @@ def _total(values: Mapping[str, Any]) -> float:
     return float(mechanics.coefficients(FLOATS, p, angle).inertia)
 
 
-def _moving(record: Record, values: Mapping[str, Any]) -> list[motion.Averages]:
+def _moving(record: RecordFile, values: Mapping[str, Any]) -> list[motion.Averages]:
     """Return the stretches of a record in which the motor slides in one direction. Raises RecordError."""
     motion.check(record, values)
     speed = np.abs(np.diff(record["motor_angle"])) / record.step
@@ -119,7 +119,7 @@ def _require(parts: Sequence[motion.Averages], base: ParameterSet) -> None:
                 f"separated; use levels with a ratio of at least {SPREAD:g}")
 
 
-def _drawings(parts: Sequence[motion.Averages], records: Sequence[Record], fit: Fit,
+def _drawings(parts: Sequence[motion.Averages], records: Sequence[RecordFile], fit: Fit,
               values: Mapping[str, Any]) -> Iterator[Drawing]:
     p = motion.namespace({**values, **dict(zip(_NAMES, fit.values.tolist(), strict=True))}, motion.WARM)
     names = [records[owner].name for owner in fit.owners]

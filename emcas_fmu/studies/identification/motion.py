@@ -19,7 +19,7 @@ from ...ops.arrays import ARRAYS
 from ...physics import drive, kinematics, loads, mechanics
 from ...steppers.rigid import stops
 from .estimation import Fit, each, weighted_fit
-from .records import Array, Record, refuse_clipped, refuse_magnitude
+from .records import Array, RecordFile, refuse_clipped, refuse_magnitude
 
 # Correlation time [windows] of averages of white noise: 1 + 2/6, as windows that overlap by half correlate by 1/6.
 _OVERLAP = 4.0 / 3.0
@@ -43,7 +43,7 @@ class Averages(NamedTuple):
         return Averages(*(column[windows] for column in self))
 
 
-def check(record: Record, values: Mapping[str, Any]) -> None:
+def check(record: RecordFile, values: Mapping[str, Any]) -> None:
     """Raise RecordError for a clipped current, implausible magnitudes, no motion or a speed unlike the angle's rate."""
     p = nonlinear.ACTUATOR.namespace(values)
     travel = motor_travel(p)
@@ -78,7 +78,7 @@ def fin_angle(p: Any, motor_angle: Array) -> Array:
     return angle
 
 
-def averages(record: Record, width: int, hop: int) -> Averages:
+def averages(record: RecordFile, width: int, hop: int) -> Averages:
     """Return the means over windows of `width` samples, `hop` samples apart."""
     window = hann(width + 2)[1:-1]
     window = window / window.sum()

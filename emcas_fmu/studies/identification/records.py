@@ -57,7 +57,7 @@ def require(condition: object, problem: str) -> None:
 
 
 @dataclass(frozen=True)
-class Record:
+class RecordFile:
     """A file of measurements: `columns` by name, the sample interval `step` [s], the columns' `units` in the file.
 
     `quantities` are as QUANTITIES. `unused` are the names of columns that are not read.
@@ -93,14 +93,14 @@ class Record:
 
 
 def read_records(paths: Sequence[Path], required: Sequence[str], optional: Sequence[str] = (),
-                 quantities: Mapping[str, tuple[str, str]] = QUANTITIES) -> list[Record]:
+                 quantities: Mapping[str, tuple[str, str]] = QUANTITIES) -> list[RecordFile]:
     """Read ``time``, the `required` columns and existing `optional` columns from each file.
 
     Raises RecordError for the first unusable file, and for files with the same contents.
     """
     require(paths, "there is no file: give at least one CSV file of measurements")
     records = [_record(path, ("time", *required), optional, quantities) for path in paths]
-    seen: dict[str, Record] = {}
+    seen: dict[str, RecordFile] = {}
     for record in records:
         first = seen.setdefault(record.sha256, record)
         record.require(first is record, f"has the same contents as {first.path}, and a measurement must count once; "
@@ -108,14 +108,14 @@ def read_records(paths: Sequence[Path], required: Sequence[str], optional: Seque
     return records
 
 
-def divided(records: Sequence[Record], divide: Callable[[Record], Iterable[T]]) -> tuple[list[T], list[int]]:
+def divided(records: Sequence[RecordFile], divide: Callable[[RecordFile], Iterable[T]]) -> tuple[list[T], list[int]]:
     """Return the parts into which `divide` divides the records, and the index of each part's record."""
     pairs = [(part, i) for i, record in enumerate(records) for part in divide(record)]
     return [part for part, _ in pairs], [i for _, i in pairs]
 
 
 def _record(path: Path, required: Sequence[str], optional: Sequence[str],
-            quantities: Mapping[str, tuple[str, str]]) -> Record:
+            quantities: Mapping[str, tuple[str, str]]) -> RecordFile:
     try:
         raw = path.read_bytes()
         text = raw.decode("utf-8-sig")
@@ -133,7 +133,7 @@ def _record(path: Path, required: Sequence[str], optional: Sequence[str],
         columns[name] = _values(path, name, unit, quantities[name][0], [row[index] for row in rows], header[index])
         units[name] = unit
     require(len(rows) >= FEWEST_ROWS, f"{path}: has {len(rows)} rows; at least {FEWEST_ROWS} are needed")
-    return Record(path, _interval(path, columns["time"]), columns, units, hashlib.sha256(raw).hexdigest(),
+    return RecordFile(path, _interval(path, columns["time"]), columns, units, hashlib.sha256(raw).hexdigest(),
                   quantities, [name for cell in header if (name := cell.partition("[")[0].strip()) not in columns])
 
 
@@ -188,7 +188,7 @@ def _interval(path: Path, time: Array) -> float:
     return step
 
 
-def refuse_clipped(record: Record, name: str) -> None:
+def refuse_clipped(record: RecordFile, name: str) -> None:
     """Raise RecordError for a clipped column.
 
     A clipped signal stays constant at its largest or smallest value for far longer than at other values. If noise
@@ -209,7 +209,7 @@ def refuse_clipped(record: Record, name: str) -> None:
                        f"{extreme:.6g} {record.quantities[name][0]}; widen the measuring range, or excite less")
 
 
-def refuse_magnitude(record: Record, name: str, largest: float, meaning: str) -> None:
+def refuse_magnitude(record: RecordFile, name: str, largest: float, meaning: str) -> None:
     """Raise RecordError for a magnitude above `largest`: a wrong unit is likely. `meaning` is `largest` in words."""
     reached, unit = float(np.abs(record[name]).max()), record.quantities[name][0]
     record.require(reached <= largest, f"{name} reaches {reached:.4g} {unit}, more than {largest:.4g} {unit} "

@@ -20,7 +20,7 @@ from ...parameters import ParameterSet
 from ...units import factor
 from ...variables import Variable
 from .estimation import Stretches
-from .records import Array, Record, read_records, require
+from .records import Array, RecordFile, read_records, require
 from .unknowns import Unknown, nuisance
 
 _ANGLE, _START = "fin_angle", "fin.start_angle"
@@ -38,7 +38,7 @@ _COPIES, _SPREAD = 8, 1e-4  # initial angles whose mean response is compared: nu
 class Comparison:
     """An output of a record, measured and simulated [display unit], and whether the record was held out."""
 
-    record: Record
+    record: RecordFile
     variable: Variable
     held_out: bool
     measured: Array
@@ -84,7 +84,8 @@ class Comparison:
         return "constant" if self.constant else f"{self.figures['fit_percent']:.1f}"
 
 
-def read(paths: Sequence[Path], base: ParameterSet, compare: Sequence[str] = ()) -> tuple[list[Record], list[Variable]]:
+def read(paths: Sequence[Path], base: ParameterSet,
+         compare: Sequence[str] = ()) -> tuple[list[RecordFile], list[Variable]]:
     """Return records of the actuator's inputs and outputs, and the outputs to compare (default: those in all records).
 
     Raises RecordError for a record without an input or output, EmcasError for an unknown output.
@@ -107,7 +108,7 @@ def read(paths: Sequence[Path], base: ParameterSet, compare: Sequence[str] = ())
     return records, outputs
 
 
-def misspelt(records: Iterable[Record], base: ParameterSet) -> Iterator[str]:
+def misspelt(records: Iterable[RecordFile], base: ParameterSet) -> Iterator[str]:
     """Yield a message for each unused column whose name resembles an input or output that the record lacks."""
     for record in records:
         missing = [v.name for v in (*base.actuator.inputs, *base.actuator.outputs) if v.name not in record.columns]
@@ -116,7 +117,7 @@ def misspelt(records: Iterable[Record], base: ParameterSet) -> Iterator[str]:
                 yield f"{record.name}: column {name} is not used; did you mean {close[0]}? Rename it, or leave it out"
 
 
-def columns_used(records: Iterable[Record], base: ParameterSet, outputs: Sequence[Variable]) -> Iterator[str]:
+def columns_used(records: Iterable[RecordFile], base: ParameterSet, outputs: Sequence[Variable]) -> Iterator[str]:
     """Yield a line on the use of columns (input, compared, not used) for all records with the same columns."""
     compared = [v.name for v in outputs]
     lines: dict[str, list[str]] = {}
@@ -138,7 +139,7 @@ class Replay:
     the parameters, because the actuator quantises measured angles.
     """
 
-    def __init__(self, base: ParameterSet, free: Sequence[Unknown], records: Sequence[Record],
+    def __init__(self, base: ParameterSet, free: Sequence[Unknown], records: Sequence[RecordFile],
                  outputs: Sequence[Variable], delays: bool) -> None:
         self.records, self.outputs, self._delays = records, outputs, delays
         self.free = len(free)
@@ -166,7 +167,7 @@ class Replay:
                 columns.append(errors)
         return list(zip(*columns, strict=True))
 
-    def _simulated(self, record: Record, points: Array, names: Sequence[str], smooth: bool = False,
+    def _simulated(self, record: RecordFile, points: Array, names: Sequence[str], smooth: bool = False,
                    mean: bool = False) -> list[Array]:
         """Return each output [points, rows] for a record; with `mean` it is the mean over several initial angles."""
         start = np.full(len(points), record[_ANGLE][0] if _ANGLE in record.columns else self._subject.values[_START])
@@ -185,7 +186,7 @@ class Replay:
                          if name in delays else of_name for name, of_name in zip(names, simulated, strict=True)]
         return simulated
 
-    def _mean_outputs(self, record: Record, points: Array, names: Sequence[str], fixed: Mapping[str, Any],
+    def _mean_outputs(self, record: RecordFile, points: Array, names: Sequence[str], fixed: Mapping[str, Any],
                       offsets: Array) -> list[Array]:
         """Return outputs as means over `offsets` [rad] of the initial angle, the last value of each point."""
         columns = np.repeat(points, len(offsets), axis=0).T
@@ -196,7 +197,7 @@ class Replay:
             **changes, _START: columns[-1] + np.tile(offsets, len(points)), **fixed}, names)
         return [runs.columns[name].reshape(-1, len(offsets), len(record)).mean(axis=1) for name in names]
 
-    def comparisons(self, values: Array, others: Sequence[Record]) -> Iterator[Comparison]:
+    def comparisons(self, values: Array, others: Sequence[RecordFile]) -> Iterator[Comparison]:
         """Yield the comparisons of all records, then of the records held out, `others`, at the unknowns' `values`.
 
         Simulations of `others` start at the first measured fin angle. Raises RecordError for a simulation that fails.
@@ -209,7 +210,7 @@ class Replay:
                 scale = factor(v.unit, display(v)) if display(v) else 1.0
                 yield Comparison(record, v, record in others, record[v.name] * scale, of_output * scale)
 
-    def moving(self, values: Array, others: Sequence[Record]) -> Iterator[str]:
+    def moving(self, values: Array, others: Sequence[RecordFile]) -> Iterator[str]:
         """Yield a message for each record that does not begin at rest, as the simulation does.
 
         The initial fin rate is estimated over the first rows. It is reported if the error rises with a similar slope,

@@ -19,7 +19,7 @@ from ...figures.plots import Drawing, pictures
 from ...pages.page import write_page
 from ...parameters import IDENTIFIED, MeasuredRecord, ParameterSet, file_entry, write_parameters
 from .estimation import METHOD, Fit
-from .records import Record, require
+from .records import RecordFile, require
 
 _REMARK = "Reported, no parameter: "
 
@@ -70,7 +70,7 @@ class Identification:
     """The result of an experiment; `drawings` returns its plots."""
 
     experiment: Experiment
-    records: Sequence[Record]
+    records: Sequence[RecordFile]
     base: ParameterSet
     fit: Fit
     estimates: Sequence[Estimate]
@@ -102,7 +102,7 @@ class Identification:
                      self.records, fit.deviations, fit.counts, fit.times)]
 
     @property
-    def residuals(self) -> list[tuple[Record, dict[str, Any]]]:
+    def residuals(self) -> list[tuple[RecordFile, dict[str, Any]]]:
         """The records, each with the `noise` of its residuals."""
         return list(zip(self.records, self.noise, strict=True))
 
