@@ -13,15 +13,11 @@ PICTURES = (".html", *IMAGES)
 
 def check_ending(path: Path | None) -> Path | None:
     """Return the path of a plot, or None. Raises EmcasError if it has none of the endings `PICTURES`."""
-    return _checked(path, PICTURES)
+    return check_image(path, PICTURES)
 
 
-def check_image(path: Path | None) -> Path | None:
-    """Return the path of an image, or None. Raises EmcasError if it has none of the endings `IMAGES`."""
-    return _checked(path, IMAGES)
-
-
-def _checked(path: Path | None, endings: tuple[str, ...]) -> Path | None:
+def check_image(path: Path | None, endings: tuple[str, ...] = IMAGES) -> Path | None:
+    """Return the path of an image, or None. Raises EmcasError if it has none of the `endings`."""
     if path is not None and path.suffix not in endings:
         raise EmcasError(f"{path}: the name of a plot must end in {', '.join(endings)}")
     return path

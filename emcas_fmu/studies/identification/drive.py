@@ -48,8 +48,10 @@ _STEP = 8.0  # smallest change of a reference that counts as a step, in standard
 
 
 class _Fitted(NamedTuple):
-    """A record with its reference [V] and current [A], the mask `used` of its fitted rows, and an index: that of its
-    initial integral [V] among the fitted values."""
+    """A record with its reference [V] and current [A].
+
+    `used` is the mask of its fitted rows, `integral_index` the index of its initial integral [V] among fitted values.
+    """
 
     record: RecordFile
     reference: Array

@@ -3,11 +3,11 @@
 A first fit gives each record's noise. The record's residuals are weighted by this noise and by their autocorrelation
 time tau = 1 + 2 sum rho_k, at least that of white noise: n samples are worth n/tau independent ones. The sum ends at
 the first lag of five tau (Sokal 1997, "Monte Carlo methods in statistical mechanics", section 3). Records with few
-residuals share one tau, since each alone would be too uncertain. The covariance is (sum J'J/(s^2 tau))^-1 with the
+residuals share one tau, since single ones are too uncertain. The covariance is (sum J'J/(s^2 tau))^-1 with the
 records' residual variances s^2, corrected for degrees of freedom. If residuals are simultaneous, as those of several
 outputs of an actuator, the covariance includes the correlation of their sums over five tau by the sandwich formula
-(White 1980): a signal in several forms counts once. The covariance of a robust fit is Huber's (1981, section 7.6), with
-the mean square of the influences of r/s and their mean slope.
+(White 1980): outputs that show the same signal count once. The covariance of a robust fit is Huber's (1981,
+section 7.6), with the mean square of the influences of r/s and their mean slope.
 """
 
 from __future__ import annotations
@@ -246,7 +246,7 @@ def weighted_fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Str
         times = np.maximum(_times(by_record(influences), np.ones(count)) if robust else
                            _times(by_record(stretches), deviations), least_time)
         fitted_with, weights = weights, 1.0 / (noise * np.sqrt(times))
-    # With the final weights, and the mean slopes of influences.
+    # The Jacobian gets the final weights, and the mean slopes of the influences.
     jacobian[:len(record_of)] *= (weights / fitted_with * np.sqrt(slopes))[record_of, None]
     # Singular values, since the normal equations would square the condition number of a sixth-order polynomial.
     left, singular, rows = np.linalg.svd(jacobian, full_matrices=False)

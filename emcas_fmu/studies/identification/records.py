@@ -92,7 +92,7 @@ class RecordFile:
         require(condition, f"{self.path}: {problem}")
 
 
-def read_records(paths: Sequence[Path], required: Sequence[str], optional: Sequence[str] = (),
+def read_records(paths: Sequence[Path], required: Sequence[str], optional: Sequence[str],
                  quantities: Mapping[str, tuple[str, str]] = QUANTITIES) -> list[RecordFile]:
     """Read ``time``, the `required` columns and existing `optional` columns from each file.
 

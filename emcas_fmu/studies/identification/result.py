@@ -141,13 +141,13 @@ def write_identified(result: Identification, path: Path, base_files: Iterable[Pa
 
     Raises ParameterError if the values break limits or rules.
     """
-    names = Counter(_array(e.variable.name) for e in result.base.entries)
+    sizes = Counter(_array(e.variable.name) for e in result.base.entries)
     identified = [e for e in result.estimates if e.parameter]
     changes: dict[str, object] = {}
     for array in dict.fromkeys(_array(e.name) for e in identified):
         elements = [e for e in identified if _array(e.name) == array]
-        whole = len(elements) == names[array]
-        for name, members in {array: elements}.items() if whole else {e.name: [e] for e in elements}.items():
+        entries = {array: elements} if len(elements) == sizes[array] else {e.name: [e] for e in elements}
+        for name, members in entries.items():
             changes[name] = file_entry([_rounded(e) for e in members], members[0].unit, IDENTIFIED,
                                        _note(result, members))
     first = (f"Identified by emcas {__version__} ({result.experiment.kind}); values, units, 1-sigma uncertainties in "
