@@ -220,10 +220,8 @@ def legend(owner: Axes | Figure, **more: Any) -> None:
 
 
 def legend_above(owner: Axes | Figure, columns: int = 6, **more: Any) -> None:
-    """Add a legend above a panel, or above all panels of a figure, where it hides nothing.
-
-    A legend wider than a panel must be the figure's: it would widen the panel's column.
-    """
+    """Add a legend above a panel, or above all panels of a figure, where it hides nothing."""
+    # A legend that is wider than a panel must be the figure's: it would widen the panel's column.
     position: dict[str, Any] = {"loc": "outside upper left"} if isinstance(owner, Figure) else {
         "loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2}
     legend(owner, ncols=columns, handlelength=1.8, columnspacing=1.4, **position, **more)

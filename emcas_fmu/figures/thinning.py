@@ -21,8 +21,7 @@ def rounded(value: float, digits: int = 6) -> float:
 
 
 def share(values: Values, log: bool, limits: Sequence[float]) -> Values:
-    """Return positions [1] of values along an axis: 0 and 1 at its `limits` [unit of the values], logarithmic if `log`.
-    """
+    """Return positions [1] of values along an axis, 0 and 1 at its `limits` in the values' unit; `log`: logarithmic."""
     low, high = (np.log10(limits) if log else np.asarray(limits, dtype=float))
     with np.errstate(divide="ignore", invalid="ignore"):
         shares: Values = ((np.log10(values) if log else values) - low) / ((high - low) or 1.0)

@@ -48,16 +48,13 @@ _STEP = 8.0  # smallest change of a reference that counts as a step, in standard
 
 
 class _Fitted(NamedTuple):
-    """A record with its reference [V] and current [A].
-
-    `used` is the mask of its fitted rows, `integral_index` the index of its initial integral [V] among fitted values.
-    """
+    """A record with its reference [V], its current [A] and the mask `used` of its fitted rows."""
 
     record: RecordFile
     reference: Array
     current: Array
     used: NDArray[np.bool_]
-    integral_index: int
+    integral_index: int  # of the record's initial integral [V] among the fitted values
 
     @property
     def fast(self) -> bool:
@@ -181,8 +178,7 @@ def _used(record: RecordFile, delay: float) -> NDArray[np.bool_]:
 
 
 def _delay(fast: Sequence[RecordFile], values: Mapping[str, Any]) -> float:
-    """Return a first estimate of the delay [s]: the shift of best fit of the reference to the current, minus the rise.
-    """
+    """Return an initial delay [s]: the shift at which the reference explains the current best, minus the rise time."""
     step = min(r.step for r in fast)
     shifts = np.arange(0.0, min(LONGEST_DELAY, 0.5 * min(len(r) * r.step for r in fast)), step)
     unexplained = np.zeros(len(shifts))
@@ -324,8 +320,7 @@ def _drawings(fitted: Sequence[_Fitted], fit: Fit, values: Mapping[str, Any]) ->
 
 
 def _steps(r: _Fitted, x: Array, values: Mapping[str, Any]) -> pictures.Series | None:
-    """Return current and model in a fast record's larger steps, as shares of the step over time [ms]; None without any.
-    """
+    """Return the larger steps of a fast record as shares of the step over time [ms]; None if there is none."""
     model, h, delay = r.modelled(x, values), r.record.step, x[DELAY] * 1e3
     before, after = int(0.3e-3 / h) + 1, int(1.2e-3 / h) + 1
     lag = int(x[DELAY] / h)

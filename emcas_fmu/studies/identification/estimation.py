@@ -3,7 +3,7 @@
 A first fit gives each record's noise. The record's residuals are weighted by this noise and by their autocorrelation
 time tau = 1 + 2 sum rho_k, at least that of white noise: n samples are worth n/tau independent ones. The sum ends at
 the first lag of five tau (Sokal 1997, "Monte Carlo methods in statistical mechanics", section 3). Records with few
-residuals share one tau, since single ones are too uncertain. The covariance is (sum J'J/(s^2 tau))^-1 with the
+residuals share one tau, since one record's is too uncertain. The covariance is (sum J'J/(s^2 tau))^-1 with the
 records' residual variances s^2, corrected for degrees of freedom. If residuals are simultaneous, as those of several
 outputs of an actuator, the covariance includes the correlation of their sums over five tau by the sandwich formula
 (White 1980): outputs that show the same signal count once. The covariance of a robust fit is Huber's (1981,
@@ -49,8 +49,8 @@ _QUIETEST = 0.2  # smallest noise of a record relative to the median, since few 
 class Fit:
     """Estimated `values`, the first of which have `names`, with their `covariance`; the `residuals` of each stretch.
 
-    `owners` has the index of each stretch's record. Each record has a standard deviation of its residuals in
-    `deviations`, and a correlation time [samples] in `times`.
+    `owners` has the index of each stretch's record. Of each record, `deviations` has the standard deviation of the
+    residuals, `times` their correlation time [samples].
     """
 
     names: Sequence[str]
@@ -99,8 +99,7 @@ def each(residuals: Callable[[Array], Stretches]) -> Callable[[Array], list[Stre
 
 
 def _jacobian(residuals: Callable[[Array], Array], x: Array, difference: Array | float) -> Array:
-    """Return the Jacobian by central differences with relative steps `difference`, for parameters of the order of one.
-    """
+    """Return the Jacobian by central differences of relative size `difference`, for parameters of the order of one."""
     changes = np.diag(difference * np.maximum(np.abs(x), 1.0))
     after, before = np.split(residuals(np.concatenate([x + changes, x - changes])), 2)
     jacobian: Array = ((after - before) / (2.0 * changes.max(axis=1))[:, None]).T

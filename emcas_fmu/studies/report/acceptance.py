@@ -157,8 +157,7 @@ def _check_figure(r: Requirement, file: str) -> None:
 
 
 def _of_report(judged: Judged, outcomes: Mapping[str, Outcome], file: str, optional: bool) -> Judged:
-    """Return the verdict on a requirement on a figure of the report. Raises EmcasError if that is no measured number.
-    """
+    """Return the verdict on a requirement on a figure of the report. Raises EmcasError if it is not a number."""
     figures, (test, group, key) = dict(flat(outcomes)), judged.figure.split(".")
     outcome, value = outcomes[test], figures.get(judged.figure)
     if outcome.stopped or key in outcome.not_applicable:
