@@ -3,9 +3,9 @@
 A record's inputs drive the simulation, and its outputs are compared. The unknowns are the free parameters, the initial
 fin angle of each record and, on request, the delay of each measured output.
 
-Quantisation of measured angles makes the response a rough function of the parameters: its error has many minima. The
-fit therefore compares the mean response from several close initial angles, which is less rough. It ends where the error
-is orthogonal to the derivatives of the response without quantisation, as it is at the true parameters.
+Quantisation of measured angles makes the response a rough function of the parameters, and the error has many minima.
+The fit therefore compares the mean response from several close initial angles, which is less rough. It ends where the
+error is orthogonal to the derivatives of the response without quantisation, as it is at the true parameters.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _MEAN = 10  # samples that are averaged in the first fits: a controller that rea
 _FAINT = 1e-6  # weight of the prior in the fits from starting points, which only need to end near the result
 _OPPOSITE = -0.5  # correlation of measured and simulated values, below which a sign is wrong
 _STILL = 1e-3  # ratio of simulated to measured deviation, below which an input is missing
-_WIDE, _RATIO = 30.0, 5.0  # largest ratio of measured to simulated deviation, or its inverse: before, after first fits
+_WIDE, _RATIO = 30.0, 5.0  # largest plausible ratio of measured to simulated deviation: before and after the first fits
 _FLAT, _BEYOND = 6, 3.0  # clipping: equal samples at the extreme; deviations by which the simulation exceeds them
 _POOR = 0.05  # largest share of a measured deviation that a good model leaves in addition to noise
 _DRIFT, _CERTAIN = 5e-4, 6.0  # smallest clock drift that is reported: relative, and in sigmas

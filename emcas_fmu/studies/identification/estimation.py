@@ -3,7 +3,7 @@
 A first fit gives each record's noise. The record's residuals are weighted by this noise and by their autocorrelation
 time tau = 1 + 2 sum rho_k, at least that of white noise: n samples are worth n/tau independent ones. The sum ends at
 the first lag of five tau (Sokal 1997, "Monte Carlo methods in statistical mechanics", section 3). Records with few
-residuals share one tau, since one record's is too uncertain. The covariance is (sum J'J/(s^2 tau))^-1 with the
+residuals share one tau, as that of one record is too uncertain. The covariance is (sum J'J/(s^2 tau))^-1 with the
 records' residual variances s^2, corrected for degrees of freedom. If residuals are simultaneous, as those of several
 outputs of an actuator, the covariance includes the correlation of their sums over five tau by the sandwich formula
 (White 1980): outputs that show the same signal count once. The covariance of a robust fit is Huber's (1981,
@@ -183,7 +183,7 @@ def _times(records: Sequence[Sequence[Array]], deviations: Array) -> Array:
 def _common(influences: Array, time: float) -> Array:
     """Return the correlation matrix of simultaneous residuals [outputs, rows], summed over five times `time` [rows].
 
-    Sums show the correlation of outputs that differ by delays.
+    Sums show the correlation also of outputs with different delays.
     """
     samples = max(min(round(_WINDOW * time), influences.shape[1] // _SUMS), 1)
     rows = influences.shape[1] // samples * samples

@@ -213,8 +213,8 @@ class Replay:
     def moving(self, values: Array, others: Sequence[RecordFile]) -> Iterator[str]:
         """Yield a message for each record that does not begin at rest, as the simulation does.
 
-        The initial fin rate is estimated over the first rows. It is reported if the error rises with a similar slope,
-        which a start at rest does not explain.
+        The initial fin rate is estimated over the first rows. It is reported if the error also has a large slope: a
+        start at rest does not explain the motion.
         """
         for record in (*self.records, *others):
             if _ANGLE in record.columns:
