@@ -26,7 +26,7 @@ SCHEMA = "emcas-credibility/1"
 FILE = "documentation/credibility.json"
 """Path of the card inside an FMU."""
 NOT_DONE = "not done here"
-USE = "In a 6-DOF simulation the model turns fin commands and hinge moments into fin angles."
+USE = "In a 6-DOF simulation it turns fin commands and hinge moments into fin angles."
 APPLIES = "they apply to a device as far as the parameters are those of the device"
 DATA, VERIFICATION, VALIDATION, INPUTS, UNCERTAINTY, ROBUSTNESS, HISTORY, MANAGEMENT = (
     "Data pedigree", "Verification", "Validation", "Input pedigree", "Uncertainty characterization",
