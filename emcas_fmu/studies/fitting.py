@@ -1,5 +1,4 @@
-"""Fit the second-order model to the nonlinear actuator, for flight simulations in which the difference is acceptable.
-"""
+"""Fit the second-order model to the nonlinear actuator, for flight simulations that accept the difference."""
 
 from __future__ import annotations
 
@@ -18,22 +17,23 @@ from ..simulation import Array, simulate
 MODEL = "second-order"
 SIZES = (1.0, 2.5, 5.0, 10.0, 20.0)  # deg, sizes of the fitted steps; each response is divided by its step's size
 STOP = 0.4  # s, duration of each response
-# Initial value, lower and upper bound of each fitted parameter, SI.
+# Initial value, lower bound and upper bound of each fitted parameter, SI.
 _SEARCHED = {"second_order.natural_frequency": (100.0, 5.0, 2000.0), "second_order.damping": (0.7, 0.05, 3.0),
              "second_order.rate_limit": (4.0, 0.1, 100.0), "drive.transport_delay": (3e-3, 0.0, 0.03)}
 NAMES = tuple(_SEARCHED)
 _BEGIN, _LOWEST, _HIGHEST = np.array(list(_SEARCHED.values())).T
-_AT_BOUND = 1e-3  # distance that counts as at a bound, as a share of the range: less than the written digits resolve
+_AT_BOUND = 1e-3  # largest distance from a bound, as a share of the range, at which a value counts as at the bound
 _NOTE = "Fitted to the nonlinear model."
-# Weight of the damping among the residuals: it prefers less damping. The effects of a second pole far beyond the first
-# and of a longer delay differ by 0.03 % of a step only.
-_LEAST = 0.05
-_DIFFERENCE = 3e-3  # relative step for derivatives: a delay acts in thousandths of the sample time
+# Weight of the damping as an additional residual, which makes the fit prefer less damping. Without it the damping is
+# arbitrary: a second pole far beyond the first and a longer delay differ in their effects by only 0.03 % of a step.
+_DAMPING_WEIGHT = 0.05
+_DERIVATIVE_STEP = 3e-3  # relative change of a parameter for a numerical derivative
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The fitted parameters; for each of the `sizes` [deg] the largest and the rms difference [% of the size]."""
+    """The fitted parameters, and for each of the `sizes` [deg] the `largest` and the `rms` difference [% of the size].
+    """
 
     parameters: ParameterSet
     sizes: tuple[float, ...]
@@ -53,10 +53,11 @@ class Fit:
         """A message for each fitted value at a bound."""
         return tuple(
             f"{name} = {self.parameters.values[name]:.4g} is at the {side} bound of the fit: the best value may be "
-            "beyond; check whether the remaining differences are small enough" for name, side in self.at_bound.items())
+            "beyond it; check whether the remaining differences are small enough"
+            for name, side in self.at_bound.items())
 
     def figures(self) -> dict[str, Any]:
-        """Return the fitted values [SI] and the remaining differences, for JSON."""
+        """Return the fitted values [SI] and the remaining differences [% of the size] for JSON."""
         return {"parameters": {name: self.parameters.values[name] for name in NAMES}, "at_bound": self.at_bound,
                 "step_deg": self.sizes,
                 "largest_difference_percent": self.largest, "rms_difference_percent": self.rms}
@@ -66,7 +67,7 @@ def fit(nonlinear: ParameterSet) -> Fit:
     """Fit natural frequency, damping, rate limit and delay by least squares to steps from rest without load, both ways.
 
     `nonlinear` are the parameters of the nonlinear actuator. Steps beyond command.limit are omitted; if all are, a
-    step to command.limit is used. The encoder is as in the set. Raises ParameterError.
+    step to command.limit is used. Raises ParameterError.
     """
     limit = degrees(float(nonlinear.values["command.limit"])) * (1.0 + 1e-9)
     sizes = tuple(size for size in SIZES if size <= limit) or (limit,)
@@ -78,29 +79,32 @@ def fit(nonlinear: ParameterSet) -> Fit:
     def residuals(x: Array) -> Array:
         values = {**base.values, **dict(zip(NAMES, x * _BEGIN, strict=True))}
         differences = np.ravel(_responses(values, MODEL, sizes) - nonlinear_steps)
-        return np.append(differences, _LEAST * values["second_order.damping"])
+        return np.append(differences, _DAMPING_WEIGHT * values["second_order.damping"])
 
     solution = least_squares(residuals, np.ones(len(NAMES)), bounds=(_LOWEST / _BEGIN, _HIGHEST / _BEGIN),
-                             diff_step=_DIFFERENCE, xtol=1e-10, ftol=1e-10)
+                             diff_step=_DERIVATIVE_STEP, xtol=1e-10, ftol=1e-10)
     units = {e.variable.name: e.variable.unit for e in base.entries}
     fitted = base.with_values({name: file_entry([float(f"{x:.4g}")], units[name], "estimate", _NOTE)
-                           for name, x in zip(NAMES, solution.x * _BEGIN, strict=True)})
+                               for name, x in zip(NAMES, solution.x * _BEGIN, strict=True)})
     differences = 100.0 * np.abs(_responses(fitted.values, MODEL, sizes) - nonlinear_steps)
     return Fit(fitted, sizes, tuple(differences.max(axis=1).tolist()),
                tuple(np.sqrt(np.mean(differences**2, axis=1)).tolist()))
 
 
 def _responses(values: Mapping[str, Any], model: str, sizes: tuple[float, ...]) -> Array:
-    """Return the ratio of fin angle to command [sizes, rows], the mean of both directions."""
-    def one(size: float) -> Array:
+    """Return the ratio of fin angle to command [sizes, rows], the mean of both directions; `sizes` are in degrees."""
+    def ratio(size: float) -> Array:
         return simulate(values, STOP, model=model, fin_command=radians(size))["fin_angle"] / radians(size)
 
-    return np.array([0.5 * (one(size) + one(-size)) for size in sizes])
+    return np.array([0.5 * (ratio(size) + ratio(-size)) for size in sizes])
 
 
 def write_fitted(fit: Fit, path: Path, command: str) -> None:
-    """Write a parameter file for the second-order model with all values that differ from its defaults."""
+    """Write a parameter file for the second-order model, with all values that differ from its defaults.
+
+    Comments in the file contain the `command` that made it, the remaining differences and the warnings.
+    """
     remaining = ", ".join(f"{rms:.2g} % at {size:g} deg" for size, rms in zip(fit.sizes, fit.rms, strict=True))
     write_parameters(fit.parameters, path, [
-        "Parameters of the second-order model, over its defaults.", f"Made by: {command}",
+        "Parameters of the second-order model that differ from its defaults.", f"Made by: {command}",
         f"Remaining differences, rms as a share of the step: {remaining}.", *fit.warnings])

@@ -1,4 +1,4 @@
-"""An overview of a user's parameter set: its remaining estimates, their effects, and figures that follow from it."""
+"""Overview of a user's parameter set: its remaining estimates, their effects, and figures that follow from the set."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from ..units import RPM
 if TYPE_CHECKING:
     from .analysis.capability import Capability
 
-CHANGE = 0.1  # relative change of a value whose effect is measured
-DURATION = 0.5  # s, duration of the step with which the effect is measured
+CHANGE = 0.1  # relative change of a value, of which the effect is measured
+DURATION = 0.5  # s, duration of the step response on which the effect is measured
 
 
 @dataclass(frozen=True)
 class Estimate:
     """An estimate of the default set, or several that belong together: an array, or a pair that is equal in SI units.
 
-    `shipped` is false for a value of a user's actuator. `effect` [rad] is the largest change of the fin angle by a 10 %
-    change of the value. It is None if it was not measured, or if the change has no meaning: a value of 0, a switch, an
-    integer, a temperature.
+    `shipped` is false for a value of a user's actuator. `effect` [rad] is the largest change of the fin angle if the
+    value changes by 10 %. It is None if it was not measured, if both changes were refused, or if the change has no
+    meaning (a value of 0, a switch, an integer, a temperature).
     """
 
     names: tuple[str, ...]
@@ -42,15 +42,15 @@ class Estimate:
 
     @property
     def label(self) -> str:
-        """The names, joined by "with"; that of an array is without indices."""
+        """The names, joined by "with"; the name of an array has no index."""
         return " with ".join(dict.fromkeys(name.partition("[")[0] for name in self.names))
 
 
 def offered(base: ParameterSet) -> dict[str, list[Entry]]:
     """Return the entries for which a user probably has values, by name; the elements of an array are in one list.
 
-    These are the entries whose declaration names a line of a datasheet. For a user's actuator they are also all
-    entries that are not those of the fin port.
+    These are the entries whose declaration names a term of a datasheet. For a user's actuator they are also all
+    other entries except those of the fin port.
     """
     port = {v.name for v in fin_port.PARAMETERS}
     chosen = [e for e in base.entries if e.variable.sheet or (
@@ -59,15 +59,14 @@ def offered(base: ParameterSet) -> dict[str, list[Entry]]:
 
 
 def remaining_estimates(parameters: ParameterSet) -> tuple[Estimate, ...]:
-    """Return the estimates in the actuator's default set that a set does not change, in the actuator's order."""
+    """Return the estimates of the actuator's default set that `parameters` leave unchanged, in the actuator's order."""
+    actuator = parameters.actuator
     default = {e.variable.name: e for e in load_parameters(model=parameters.model).entries}
     remaining = [e.variable.name for e in parameters.entries
                  if e.source == "estimate" and e == default[e.variable.name]]
-    follows = {other: name for name, other in parameters.actuator.equal_parameters if {name, other} <= {*remaining}}
-    groups = [tuple(names) for _, names in groupby((name for name in remaining if name not in follows),
-                                                   lambda name: name.partition("[")[0])]
-    followers = {name: other for other, name in follows.items()}
-    actuator = parameters.actuator
+    followers = {name: other for name, other in actuator.equal_parameters if {name, other} <= {*remaining}}
+    leaders = (name for name in remaining if name not in followers.values())
+    groups = [tuple(names) for _, names in groupby(leaders, lambda name: name.partition("[")[0])]
     own_files = () if is_shipped(parameters.model) else (
         (actuator.source or Path(actuator.name)).name, *(file.name for file in actuator.files))
     return tuple(Estimate((*names, *(followers[name] for name in names if name in followers)),
@@ -75,7 +74,7 @@ def remaining_estimates(parameters: ParameterSet) -> tuple[Estimate, ...]:
 
 
 def in_words(parameters: ParameterSet, estimates: Sequence[Estimate]) -> str:
-    """Return the number of remaining estimates in words; for a user's actuator also the number of shipped estimates."""
+    """Return the number of remaining estimates as text; for a user's actuator also how many of them are shipped."""
     count = sum(len(each.names) for each in estimates)
     shipped = sum(len(each.names) for each in estimates if each.shipped)
     of_all = f"{count} of {len(parameters.entries)} values"
@@ -85,7 +84,7 @@ def in_words(parameters: ParameterSet, estimates: Sequence[Estimate]) -> str:
 
 
 def by_group(estimates: Iterable[Estimate]) -> dict[str, list[str]]:
-    """Return the labels of estimates, without the group, by group such as ``motor``."""
+    """Return the labels of estimates by group, such as ``motor``; these labels do not begin with the group."""
     groups: dict[str, list[str]] = {}
     for estimate in estimates:
         group, dot, name = estimate.label.partition(".")
@@ -94,11 +93,11 @@ def by_group(estimates: Iterable[Estimate]) -> dict[str, list[str]]:
 
 
 def by_effect(parameters: ParameterSet, torque: float = 0.0) -> tuple[Estimate, ...]:
-    """Return the remaining estimates with the effect of a 10 % change of each, the largest first.
+    """Return the remaining estimates with the effect of a 10 % change of each, the largest effect first.
 
-    The effect is the largest difference of the fin angle within 0.5 s after a step to half of command.limit against a
-    hinge moment `torque` [N.m]. Plant and controllers both use the changed value: 10 % more or, if that is refused,
-    10 % less.
+    The effect [rad] is the largest difference of the fin angle within 0.5 s after a step to half of command.limit
+    against a hinge moment `torque` [N.m]. Plant and controllers both use the changed value: 10 % more or, if this
+    value is refused, 10 % less.
     """
     unchanged = _response(parameters, torque)
     estimates = [replace(each, effect=_effect(parameters, each.names, torque, unchanged))
@@ -129,23 +128,24 @@ def _effect(parameters: ParameterSet, names: Iterable[str], torque: float, uncha
 
 
 def _capability(parameters: ParameterSet) -> Capability | None:
-    """Return the capability of motor and drive; None for an actuator without the required equations."""
-    from .analysis.capability import NEEDS, capability  # here: importing the analysis takes a fraction of a second
+    """Return the capability of motor and drive; None for an actuator without the capabilities that it needs."""
+    from .analysis.capability import NEEDS, capability  # here, since the import of the analysis is slow
 
     able = parameters.actuator.provides.issuperset(NEEDS)
     return capability(parameters.values, parameters.model) if able else None
 
 
 def stalled(parameters: ParameterSet, torque: float) -> Iterator[str]:
-    """Yield a warning if a hinge moment [N.m] exceeds the smallest stall moment within the range of commands."""
+    """Yield a warning if the hinge moment `torque` [N.m] exceeds the smallest stall moment in the range of commands."""
     can = _capability(parameters)
     if can is not None and torque > (smallest := float(np.min(can.stall))):
-        yield (f"a hinge moment of {torque:.6g} N.m stalls the actuator: motor.torque_constant and drive.current_limit "
-               f"move {smallest:.4g} N.m within the range of commands, including friction and reduction")
+        yield (f"a hinge moment of {torque:.6g} N.m stalls the actuator: with motor.torque_constant, "
+               "drive.current_limit, reduction and friction, the smallest stall moment in the range of commands is "
+               f"{smallest:.4g} N.m")
 
 
 def amounts_to(parameters: ParameterSet) -> Mapping[str, str]:
-    """Return figures that follow from a set with motor, screw and lever, as texts by name; otherwise none."""
+    """Return figures that follow from a parameter set, as texts by name; none without motor, screw and lever."""
     actuator, can = parameters.actuator, _capability(parameters)
     if can is None or capabilities.SCREW_AND_LEVER not in actuator.provides:
         return {}

@@ -1,7 +1,7 @@
 """Starter files for a new actuator: a parameter file to fill in from datasheets, and files of studies.
 
-Names, units and the terms of datasheets come from the actuator's declaration, values and their sources from its default
-set, and studies from the files in models.
+Names, units and datasheet terms come from the actuator's declaration. Values and their sources come from its default
+set, studies from the files in the folder models.
 """
 
 from __future__ import annotations
@@ -22,17 +22,19 @@ PARAMETERS, TUNING, CAMPAIGN, REQUIREMENTS = "actuator.toml", "tuning.toml", "ca
 README = "README.md"
 SOURCES = {"thesis": "read in the thesis", "derived": "derived", "tuned": "by emcas tune", "estimate": "an estimate"}
 _WIDTH = 116
-_HOW = ("Remove the # before a value that you have, and write it in the unit of your sheet: \"4 mm/turn\", "
-        "\"35 ozf*in/A\", \"420 g*cm^2\". Commented values keep their defaults; with all values commented this is "
-        "the default actuator. docs/use/your_actuator.md relates datasheets to these values; "
-        "`emcas parameters -p FILE` checks the file and lists what is still an estimate.")
-_BARE = re.compile("[A-Za-z0-9_-]+")
+_INSTRUCTIONS = ("Remove the # before a value that you have, and write the value in the unit of your datasheet: \"4 "
+                 "mm/turn\", \"35 ozf*in/A\", \"420 g*cm^2\". Values behind a # keep their defaults. "
+                 "docs/use/your_actuator.md relates datasheets to these values; `emcas parameters -p FILE` checks the "
+                 "file and lists the remaining estimates.")
 _VARIED = re.compile(r'^\[vary\."(.+?)"\]', re.MULTILINE)
 _INPUT = re.compile(r"^\[experiments\.(\w+)\.inputs\.([\w.]+)\]", re.MULTILINE)
 
 
 def starter_files(base: ParameterSet) -> dict[str, str]:
-    """Return the texts of the files by name for an actuator with the default set `base`; a tuning study if one fits."""
+    """Return the texts of the starter files, by name, for the actuator with the default set `base`.
+
+    A tuning study is included if a shipped study fits the actuator.
+    """
     files = {PARAMETERS: parameter_text(base), CAMPAIGN: campaign_text(base),
              REQUIREMENTS: shipped_file("requirements", base.model).read_text(encoding="utf-8")}
     if has_shipped_study(base):
@@ -41,28 +43,28 @@ def starter_files(base: ParameterSet) -> dict[str, str]:
 
 
 def parameter_text(base: ParameterSet) -> str:
-    """Return a parameter file in which every offered value is commented out."""
+    """Return a parameter file in which every value of :func:`.overview.offered` is commented out."""
     lines = [f"# Parameters of your {base.actuator.name} actuator, which override its defaults.", "#"]
-    lines += _comment(_HOW, "# ")
+    lines += _comment(_INSTRUCTIONS, "# ")
     tables: dict[str, list[str]] = {}
     for name, entries in offered(base).items():
         table, dot, key = name.partition(".")
         if not dot:
             table, key = "", name
-        tables.setdefault(table, []).extend(["", *_described(entries), f"#{_key(key)} = {_value(entries)}"])
+        tables.setdefault(table, []).extend(["", *_described(entries), f"#{key} = {_value(entries)}"])
     for table, text in sorted(tables.items(), key=lambda item: item[0] != ""):  # names outside tables come first
-        lines += ["", *([f"[{_key(table)}]"] if table else []), *(text if not table else text[1:])]
+        lines += ["", *([f"[{table}]"] if table else []), *(text if not table else text[1:])]
     return "\n".join([*lines, ""])
 
 
 def _described(entries: Sequence[Entry]) -> Iterator[str]:
-    """Yield comments on a value: description, term in a datasheet, default value and source."""
+    """Yield comments on a value or an array: description, term in a datasheet, default value and source."""
     first, variable = entries[0], entries[0].variable
-    number = f" (and so on: {len(entries)} values)" if len(entries) > 1 else ""
-    yield from _comment(f"{variable.description}{number}", "# ")
+    count = f" (and so on: {len(entries)} values)" if len(entries) > 1 else ""
+    yield from _comment(f"{variable.description}{count}", "# ")
     if variable.sheet:
         yield from _comment(variable.sheet, "#   read in  ")
-    unit = "" if variable.unit in ("", "1") else f" (unit: {variable.unit}, or another of its kind)"
+    unit = "" if variable.unit in ("", "1") else f" (in {variable.unit} or another unit of that quantity)"
     default = ", ".join(e.text for e in entries)
     yield from _comment(f"{default}{unit}, {SOURCES.get(first.source, first.source)}. {first.note}", "#   default  ")
 
@@ -72,57 +74,54 @@ def _comment(text: str, begin: str) -> list[str]:
                 break_long_words=False, break_on_hyphens=False)
 
 
-def _key(name: str) -> str:
-    return ".".join(part if _BARE.fullmatch(part) else json.dumps(part) for part in name.split("."))
-
-
 def _value(entries: Sequence[Entry]) -> str:
-    """Return a value or an array with its unit as TOML, as in the default file."""
+    """Return a value or an array as TOML, in the unit of the default file."""
     texts = [e.text if e.variable.unit in ("", "1") else json.dumps(e.text, ensure_ascii=False) for e in entries]
     return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
 
 
 def campaign_text(base: ParameterSet) -> str:
-    """Return the shipped campaign with the user's file, without parameters and inputs that the actuator lacks."""
+    """Return the shipped campaign with the user's file; factors and experiments that do not fit are left out."""
     parameters, inputs = set(base.values), {v.name for v in base.actuator.inputs}
     model = "" if base.model == NONLINEAR else f"\nmodel = {json.dumps(base.model)}"
-    kept, without = [], set()
+    kept, left_out = [], set()
     for paragraph in (models_directory() / CAMPAIGN).read_text(encoding="utf-8").split("\n\n"):
         varied, acting = _VARIED.search(paragraph), _INPUT.search(paragraph)
         if acting and acting[2] not in inputs:
-            without.add(acting[1])
+            left_out.add(acting[1])
         elif paragraph.startswith("# [base]"):
             kept.append(f'[base]{model}\nparameters = "{PARAMETERS}"')
         elif not varied or varied[1] in parameters:
             kept.append(paragraph.replace("models/", ""))
-    return "\n\n".join(p for p in kept if not any(p.startswith(f"[experiments.{name}]") for name in without)) + "\n"
+    return "\n\n".join(p for p in kept if not any(p.startswith(f"[experiments.{name}]") for name in left_out)) + "\n"
 
 
 def commands(base: ParameterSet, files: Mapping[str, str]) -> list[list[str]]:
-    """Return the commands to run next, each with its purpose."""
+    """Return the commands to run next, as pairs of command line and purpose."""
     model = [] if base.model == NONLINEAR else ["--model", base.model]
     tuned = "tuned.toml" if TUNING in files else PARAMETERS
-    lines = [(["parameters", "-p", PARAMETERS, *model], "checks, and the remaining estimates"),
-             (["simulate", "-p", PARAMETERS, *model, "--step", "5", "--plot", "step.html"], "a first step")]
+    lines = [(["parameters", "-p", PARAMETERS, *model], "checks the values, lists the remaining estimates"),
+             (["simulate", "-p", PARAMETERS, *model, "--step", "5", "--plot", "step.html"], "plots a step response")]
     if TUNING in files:
         lines.append((["tune", TUNING, "-p", PARAMETERS, *model, "-o", tuned, "--report", "tuning.html"],
-                      "gains; a minute or two, less with fewer --generations"))
-    lines += [(["build", "-p", tuned, *model, "-o", "MyActuator.fmu"], "FMU; in C with --backend native"),
-              (["report", tuned, *model, "--requirements", REQUIREMENTS, "-o", "report.html"], "acceptance test"),
-              (["campaign", CAMPAIGN, "--output", "results"], "production scatter")]
+                      "tunes the gains in a minute or two; fewer --generations are faster"))
+    lines += [(["build", "-p", tuned, *model, "-o", "MyActuator.fmu"], "makes an FMU; in C with --backend native"),
+              (["report", tuned, *model, "--requirements", REQUIREMENTS, "-o", "report.html"], "tests for acceptance"),
+              (["campaign", CAMPAIGN, "--output", "results"], "simulates production scatter")]
     return [[shlex.join(["emcas", *arguments]), purpose] for arguments, purpose in lines]
 
 
 def _readme(base: ParameterSet, files: Mapping[str, str]) -> str:
     listed = commands(base, files)
     width = max(len(command) for command, _ in listed)
-    about = {PARAMETERS: "your values", TUNING: "requirements for the gains: `emcas tune`",
+    about = {PARAMETERS: "your values",
+             TUNING: "the gains to tune, and requirements for them: `emcas tune`",
              CAMPAIGN: "scatter, cold and load: `emcas campaign`",
-             REQUIREMENTS: "the actuator's requirements: `emcas validate`, `report`, `compare`"}
+             REQUIREMENTS: "the actuator's requirements: `emcas validate`, `emcas report`, `emcas compare`"}
     return "\n".join([
         f"# An actuator of the model {base.actuator.name}", "",
-        *(f"- `{name}`: {what}" for name, what in about.items() if name in files), "",
-        "The limits in the studies are those of the shipped electromechanical actuator: replace them by your limits. "
-        "Run in this folder:", "", "```sh",
+        *(f"- `{name}`: {content}" for name, content in about.items() if name in files), "",
+        "The limits in the studies are those of a shipped actuator: replace them by yours. Run in this folder:", "",
+        "```sh",
         *(f"{command:<{width}}  # {purpose}" for command, purpose in listed), "```", "",
-        "docs/use/your_actuator.md of the project relates a datasheet's terms to these values.", ""])
+        "docs/use/your_actuator.md in the project's repository relates the terms of datasheets to these values.", ""])
