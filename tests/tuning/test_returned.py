@@ -174,7 +174,7 @@ def test_gains_that_nothing_beats_are_returned(tmp_path: Path, monkeypatch: pyte
     result = tune(study, 1, 1)
     assert result.unimproved
     assert not result.stopped
-    assert "no better than the initial gains, which are returned" in verdict(result)
+    assert "found no gains better than the initial ones, which are returned" in verdict(result)
     write_tuned(result, tmp_path / "kept.toml", "emcas tune")
     kept = load_parameters(tmp_path / "kept.toml")
     assert kept.values == study.base.values

@@ -514,7 +514,7 @@ def test_a_stopped_search_without_anything_better_leaves_the_set_as_it_is(
     monkeypatch.setattr("emcas_fmu.studies.tuning.optimise.differential_evolution", stopped)
     result = tune(study)
     assert (result.unimproved, result.best) == (True, result.before)
-    assert "no better than the initial gains" in verdict(result)
+    assert "found no gains better than the initial ones" in verdict(result)
     write_tuned(result, tmp_path / "kept.toml", "emcas tune")
     assert load_parameters(tmp_path / "kept.toml").entries == load_parameters().entries
 

@@ -1,4 +1,4 @@
-"""Judge gains by the share of its limit that each requirement reaches in each case; keep a journal of evaluations."""
+"""Judge gains by each figure in each case, as a share of its limit; keep a journal of evaluations."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ...bench.subject import ParameterSubject
 from ...support.writing import append, write
 from .study import Study, StudyError
 
-HOPELESS = 10.0  # largest share of a limit, and the share if a figure does not exist (never reached, unstable)
-# Order of the norm of the worst shares of all requirements, which is the objective. This norm is close to the largest
-# share; but a figure that gains cannot improve, such as a rate that the motor limits, does not hide the others.
+HOPELESS = 10.0  # largest share of a limit; also the share of a figure that does not exist (never reached, unstable)
+# The objective is the norm of this order of the worst shares of all requirements. It is close to the largest share, but
+# a figure that gains cannot improve, such as a rate that the motor limits, does not hide the other figures.
 _NORM = 8
 
 
@@ -32,7 +32,7 @@ class Judgement:
 
     @property
     def margin(self) -> float:
-        """Distance to the limit, as a share of the limit; negative if it is missed."""
+        """One minus the share; negative if the limit is missed."""
         return 1.0 - self.share
 
     @property
@@ -56,8 +56,7 @@ class Evaluation:
     @cached_property
     def objective(self) -> float:
         """The objective that the search minimises: the 8-norm of the worst shares of the requirements."""
-        shares = [j.share for j in self.by_requirement().values()]
-        return float(sum(s**_NORM for s in shares) ** (1.0 / _NORM))
+        return float(sum(j.share**_NORM for j in self.by_requirement().values()) ** (1.0 / _NORM))
 
     def by_requirement(self) -> dict[str, Judgement]:
         """Return the worst judgement of each requirement over all cases, by its name."""
@@ -69,7 +68,10 @@ class Evaluation:
 
 
 def share(requirement: Requirement, measured: float) -> float:
-    """Return a figure [SI] as a share of its limit: measured/maximum or minimum/measured; at most 1 if it is met."""
+    """Return a figure [SI] as a share of its limit: measured/maximum or minimum/measured.
+
+    The share is at most 1 if the limit is met; otherwise it is above 1 and at most HOPELESS.
+    """
     if not isfinite(measured):
         return HOPELESS
     ratio = (measured / requirement.limit if requirement.sense == "maximum"
@@ -80,7 +82,7 @@ def share(requirement: Requirement, measured: float) -> float:
 def evaluate(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluation]:
     """Judge several sets of gains [SI], independently of each other, by every requirement in every case.
 
-    A response that cannot be computed, and gains that break a rule of the actuator, have the share HOPELESS.
+    The share is HOPELESS for a response that cannot be computed, and for gains that break a rule of the actuator.
     """
     results = verdict.evaluate(ParameterSubject(study.base), study.specification, gains)
     return [Evaluation(dict(each), tuple(
@@ -89,9 +91,9 @@ def evaluate(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluat
 
 
 class Journal:
-    """Evaluations by gains, also written as lines to the file `path`, if any, from which a stopped search continues.
+    """The evaluations of a study, by gains; with a `path` also lines of a file, from which a stopped search continues.
 
-    Raises StudyError for a file that is not a journal, or is the journal of another study.
+    Raises StudyError if the file is not a journal, or is the journal of another study.
     """
 
     def __init__(self, path: Path | None, study: Study) -> None:
@@ -101,7 +103,7 @@ class Journal:
             return
         header = {"study": study.digest}
         text = path.read_text(encoding="utf-8") if path.is_file() else ""
-        # A last line without an end was cut when the process was killed: its evaluation is repeated.
+        # A last line without a line end was cut off when the process was killed: its evaluation is repeated.
         complete = text[:text.rfind("\n") + 1] or json.dumps(header) + "\n"
         try:
             first, *entries = map(json.loads, complete.splitlines())
@@ -119,7 +121,7 @@ class Journal:
         return self._evaluations.get(tuple(gains.values()))
 
     def add(self, evaluations: Iterable[Evaluation]) -> None:
-        """Add new evaluations, also to the file."""
+        """Add evaluations of new gains, also to the file."""
         new = {tuple(e.gains.values()): e for e in evaluations if self.find(e.gains) is None}
         self._evaluations |= new
         if self._path is not None and new:

@@ -1,7 +1,7 @@
 """The search for gains: differential evolution within the bounds, then Nelder-Mead from the best gains.
 
-Both minimise :attr:`.evaluate.Evaluation.objective`. The result is then chosen among the best gains, rounded to the
-digits that are written to a file.
+Both searches minimise :attr:`.evaluate.Evaluation.objective`. Then the result is chosen among the best gains, rounded
+to the digits of a parameter file.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import pairwise, repeat
+from itertools import chain, pairwise, repeat
 from math import exp, floor, inf, log, log10, nan
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
@@ -32,10 +32,10 @@ _DIGITS = 3  # significant digits of returned gains: as many as a person would s
 _POPULATION = 12  # sets of gains in a generation, for each tunable parameter
 _LOCAL = 60  # most evaluations of the local search, for each tunable parameter
 _STEPS = 1000  # steps of 1 ms for a requirement in a case: a low estimate of the work
-_TOGETHER = 16  # most sets of gains in one task: enough for vectors, few to lose if the process is killed
-_SLACK = 0.03  # distance to the worst share up to which a requirement also counts as binding
-# Number of rounded sets of gains that are judged with their neighbours, after a complete search and after Ctrl-C. Ten
-# are too few: at a limit that is crossed abruptly, the best ten of a search are almost the same gains.
+_TOGETHER = 16  # most sets of gains in one task: enough for vectors, and few to lose if the process is killed
+_SLACK = 0.03  # a requirement is binding if its share is below the worst share by this at most
+# Numbers of rounded sets of gains that are judged with their neighbours: after a complete search, and after Ctrl-C. Ten
+# after a complete search are too few: near a limit that is missed abruptly, the best ten are almost the same gains.
 _CANDIDATES, _HURRIED = 20, 4
 
 Gains = Mapping[str, float]
@@ -54,9 +54,9 @@ class Result:
     """The initial gains, those of the parameter set, with their judgements."""
     nearby: float
     """Largest objective of the returned gains and their neighbours, in which one gain differs by one in its third
-    significant digit; nan if Ctrl-C came before they were judged."""
+    significant digit; nan if Ctrl-C came before the neighbours were judged."""
     evaluated: tuple[Evaluation, ...]
-    """All evaluations in the journal, also those of earlier searches that it continues."""
+    """All evaluations in the journal, including those of earlier searches."""
     history: tuple[float, ...]
     """Best objective after each generation of the global search and each iteration of the local search."""
     stopped: bool
@@ -79,19 +79,19 @@ class Result:
 
     @property
     def at_bound(self) -> dict[str, str]:
-        """The bound, ``lower`` or ``upper``, by the name of each returned gain that is at one."""
+        """The names of the returned gains at a bound, each with that bound, ``lower`` or ``upper``."""
         bounds = {t.name: t.bound(self.best.gains[t.name]) for t in self.study.tunables}
         return {name: bound for name, bound in bounds.items() if bound}
 
     @property
     def binding(self) -> list[str]:
-        """The requirements whose margins are smallest, within 3 % of their limits; the worst first."""
+        """The requirements with the worst share or a share below it by 0.03 at most; the worst first."""
         ranked = sorted(self.best.by_requirement().items(), key=lambda item: -item[1].share)
         return [name for name, j in ranked if j.share >= self.best.worst.share - _SLACK]
 
 
 def rounded(gains: Gains, study: Study) -> dict[str, float]:
-    """Return the gains within the bounds, rounded to three significant digits, or to more if a bound requires them."""
+    """Return the gains, limited to the bounds and rounded to three significant digits, or to more near a bound."""
     def shortest(t: Tunable) -> float:
         value = min(max(gains[t.name], t.lower), t.upper)
         digits = (float(f"{value:.{count}g}") for count in range(_DIGITS, 18))
@@ -102,29 +102,27 @@ def rounded(gains: Gains, study: Study) -> dict[str, float]:
 
 def neighbours(gains: Gains, study: Study) -> list[Gains]:
     """Return sets of gains, within the bounds, in which one gain differs by one in its third significant digit."""
-    found: list[Gains] = []
+    sets: list[Gains] = []
     for t in study.tunables:
         step = 10.0 ** (floor(log10(abs(gains[t.name]) or 1.0)) - _DIGITS + 1)
-        for value in (gains[t.name] - step, gains[t.name] + step):
-            if t.lower <= value <= t.upper:
-                found.append({**gains, t.name: float(f"{value:.10g}")})
-    return found
+        sets += ({**gains, t.name: float(f"{value:.10g}")} for value in (gains[t.name] - step, gains[t.name] + step)
+                 if t.lower <= value <= t.upper)
+    return sets
 
 
 def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, journal: Journal | None = None,
          progress: Progress = silent) -> Result:
     """Search for the gains with the smallest objective, and return the result.
 
-    The candidates are the initial gains, and the best gains of the search as rounded for a file. The largest objective
-    among a candidate and its neighbours decides; candidates that are worse than the initial gains are excluded. The
-    same study and seed give the same gains for any number of workers; initial gains matter only if they are better than
-    a candidate.
+    The candidates are the initial gains, and the best gains of the search after rounding if they are not worse. Each
+    candidate is rated by the largest objective of its gains and their neighbours; the smallest rating decides. The same
+    study, seed and number of generations give the same gains for any number of workers.
 
     `generations` is the number of generations of the global search, `workers` the number of processes (1: this one).
-    Evaluations in the `journal` are not repeated, new ones are added to it; without one they stay in memory. `progress`
-    receives the stage with its worst requirement, and the number of parts done and their total: generations, and the
-    local search. Ctrl-C ends the search with the best gains so far. Raises KeyboardInterrupt if it comes before the
-    initial gains are judged.
+    Evaluations in the `journal` are not repeated, and new evaluations are added to it; without a journal they stay in
+    memory. `progress` receives the stage with its worst requirement, the number of finished parts, and the total number
+    of parts: the generations and the local search. Ctrl-C ends the search with the best gains so far. Raises
+    KeyboardInterrupt if Ctrl-C comes before the initial gains are judged.
     """
     evaluations = journal if journal is not None else Journal(None, study)
     search = _Search(study, evaluations, progress, generations, workers)
@@ -165,9 +163,9 @@ def _candidates(evaluations: Iterable[Evaluation], study: Study, count: int) -> 
 def _choose(search: _Search, initial: Evaluation, candidates: list[Gains]) -> tuple[Evaluation, float, bool]:
     """Return the evaluation of the chosen gains, the largest objective near them, and whether Ctrl-C was pressed.
 
-    The initial gains, and candidates that are not worse, compete by the largest objective of the gains and their
-    neighbours, since gains that miss a limit when a third digit changes are not robust. That objective is nan if
-    Ctrl-C came before the neighbours of any gains were judged.
+    The initial gains, and candidates that are not worse, are compared by the largest objective of the gains and their
+    neighbours: gains that miss a limit if a third digit changes are not robust. This objective is nan if Ctrl-C came
+    before the neighbours of any gains were judged.
     """
     best, nearby, stopped = initial, inf, False
     try:
@@ -182,7 +180,7 @@ def _choose(search: _Search, initial: Evaluation, candidates: list[Gains]) -> tu
 
 
 def _simplex(best: Evaluation, bounds: Sequence[tuple[float, float]]) -> Any:
-    """Return a simplex of logarithms: the best gains, then each in turn 5 % larger, or smaller near its upper bound."""
+    """Return a simplex of logarithms: the best gains, and these with one gain 5 % larger (smaller near its bound)."""
     corner = np.log(list(best.gains.values()))
     simplex = np.tile(corner, (len(bounds) + 1, 1))
     for i, (_, upper) in enumerate(bounds):
@@ -191,10 +189,10 @@ def _simplex(best: Evaluation, bounds: Sequence[tuple[float, float]]) -> Any:
 
 
 class _Search:
-    """Evaluates gains that are not in the journal.
+    """Looks evaluations up in the journal, and computes those that are not in it.
 
-    `map` is the built-in function, or the map of `workers` processes. `seen` contains the evaluations that this search
-    has requested, in order; the journal may contain others. `history` is the best objective over the search.
+    `map` is the built-in function, or the map of `workers` processes. `seen` contains the evaluations in the order in
+    which this search requested them; the journal may contain others. `history` has the best objective at each note.
     """
 
     def __init__(self, study: Study, journal: Journal, progress: Progress, generations: int, workers: int) -> None:
@@ -217,14 +215,14 @@ class _Search:
         return [e for e in map(self._journal.find, gains) if e is not None]
 
     def objectives(self, points: list[Any]) -> list[float]:
-        # Rounded to ten digits: the journal finds gains only if they are equal.
+        # Rounded to ten digits, since the journal finds gains only if they are equal.
         gains: list[Gains] = [{n: float(f"{exp(v):.10g}") for n, v in zip(self._names, x, strict=True)} for x in points]
         evaluations = self.all(gains)
         self.seen += evaluations
         return [e.objective for e in evaluations]
 
     def note(self, stage: str, generations: int = 0) -> None:
-        """Append the best objective to the history, and report progress after `generations` more generations."""
+        """Append the best objective to the history, and report `generations` more generations as done."""
         self._done += generations
         self.history.append(self.best.objective)
         worst = self.best.worst
@@ -232,8 +230,8 @@ class _Search:
                        min(self._done, self._total), self._total)
 
 
-def _begin() -> None:
-    """Prepare a worker process: it ignores Ctrl-C, which the parent handles, and ends when its parent ends."""
+def _prepare_worker() -> None:
+    """Let a worker process ignore Ctrl-C, which its parent handles, and end when its parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is not None:
@@ -241,7 +239,7 @@ def _begin() -> None:
 
 
 def _evaluated(run: _Map, study: Study, gains: Sequence[Gains], workers: int) -> Iterator[list[Evaluation]]:
-    """Yield evaluations in parts: workers share the sets of gains or, if there is only one set, its cases."""
+    """Yield evaluations in parts: workers divide the sets of gains or, if there is only one set, its cases."""
     if len(gains) > 1:
         together = _TOGETHER if library.available(study.base.model) else 1  # the Python kernel has no vectors
         size = min(together, -(-len(gains) // workers))
@@ -249,28 +247,28 @@ def _evaluated(run: _Map, study: Study, gains: Sequence[Gains], workers: int) ->
     elif gains:
         ends = [len(study.cases) * k // workers for k in range(workers + 1)]
         studies = [replace(study, cases=study.cases[low:high]) for low, high in pairwise(ends) if low < high]
-        of_cases = [each for (each,) in run(evaluate, studies, repeat(gains))]
-        yield [Evaluation(gains[0], tuple(j for each in of_cases for j in each.judgements))]
+        judgements = (each.judgements for (each,) in run(evaluate, studies, repeat(gains)))
+        yield [Evaluation(gains[0], tuple(chain.from_iterable(judgements)))]
 
 
 @contextmanager
 def _processes(count: int) -> Iterator[_Map]:
-    """Yield the map of `count` worker processes, or the built-in map for one.
+    """Yield the map of `count` worker processes, or for one the built-in map.
 
     Threads would wait for the interpreter's lock, since most of the work is done in Python.
     """
     if count <= 1:
         yield map
         return
-    executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
+    executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_prepare_worker)
     masks = hasattr(signal, "pthread_sigmask")  # not on Windows, where starting workers may report a Ctrl-C
     try:
         with uninterrupted():
             if masks:  # processes inherit the mask
                 signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             try:
-                for _ in range(count):  # a task starts one process, or all of them
-                    executor.submit(int)
+                for _ in range(count):
+                    executor.submit(int)  # starts a process, if none is idle
             finally:
                 if masks:
                     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

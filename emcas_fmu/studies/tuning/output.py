@@ -20,7 +20,8 @@ from .optimise import Result
 
 
 def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
-    """Return a row for each requirement, in its worst case: figure and limit in the unit shown, and margin."""
+    """Return a row for each requirement in its worst case: the figure and its limit in the unit shown, and the margin.
+    """
     worst = evaluation.by_requirement()
     judged = [(r, worst[r.name], *shown(r.unit)) for r in result.study.requirements]
     return [{"requirement": r.name, "figure": r.figure, "how": FIGURES[r.figure].title, "case": j.case,
@@ -39,16 +40,16 @@ def summary(result: Result) -> Table:
 
 
 def gain(value: float) -> str:
-    """Return a gain as it is written to a file."""
+    """Return a gain [SI] as text with up to twelve digits."""
     return f"{value:.12g}"
 
 
 def verdict(result: Result) -> str:
-    """Return a line: how the search ended, whether all requirements are met, and which limit the result."""
+    """Return a line: how the search ended, whether all requirements are met, and which requirements are binding."""
     worst = result.best.worst
     binding = f"binding: {', '.join(result.binding)}"
     count = f"{len(result.evaluated)} evaluations"
-    none = f"after {count} no better than the initial gains"
+    none = f"{count} found no gains better than the initial ones"
     ending = (f"stopped by Ctrl-C, {none if result.unimproved else f'the best of {count}'}: " if result.stopped else
               f"{none}, which are returned: " if result.unimproved else "")
     if result.met:
@@ -61,23 +62,24 @@ def verdict(result: Result) -> str:
 
 
 def objectives(result: Result) -> str:
-    """Return a line: the objective of the initial and of the returned gains, and its largest value near the latter."""
+    """Return a line: the objectives of the initial and of the returned gains, and the largest near the returned gains.
+    """
     initial, returned = result.before.objective, result.best.objective
     nearby = "" if isnan(result.nearby) else (
-        f"; at most {number(result.nearby)} if the third digit of a gain changes by one")
+        f"; at most {number(result.nearby)} if the third digit of a returned gain changes by one")
     return f"objective: {beside(initial, returned)} initial, {number(returned)} returned{nearby}"
 
 
 def at_bounds(result: Result) -> str:
-    """Return a line that names the returned gains at a bound of the search; empty if there are none."""
+    """Return a line that names the returned gains at a bound of the search; empty if no gain is at a bound."""
     gains = ", ".join(f"{name} = {gain(result.best.gains[name])} ({bound})" for name, bound in result.at_bound.items())
     return gains and f"at the bound of the search: {gains}; wider bounds may give better gains"
 
 
 def write_tuned(result: Result, path: Path, command: str) -> None:
-    """Write a parameter file with the tuned gains; their notes name the command and the smallest margin.
+    """Write a parameter file with the tuned gains; the note of each gain has the command and the smallest margin.
 
-    If the search found nothing better, the file contains the initial gains with their sources.
+    If the search found no better gains, the file contains the initial gains with their sources and notes.
     """
     worst = result.best.worst
     note = f"{command}; smallest margin {percent(worst.margin)} ({worst.requirement}, case {worst.case})"
@@ -90,7 +92,7 @@ def write_tuned(result: Result, path: Path, command: str) -> None:
 
 
 def write_json(result: Result, path: Path, command: str) -> None:
-    """Write a JSON file: gains [SI], requirements in their worst cases, all judgements, the requirements that bind."""
+    """Write a JSON file: gains [SI], requirements in their worst cases, all judgements, the binding requirements."""
     writers.write_json({
         "schema": "emcas-tuning/1", "command": command, "model": result.study.base.actuator.name,
         "study": result.study.digest, "seed": result.seed,
@@ -105,7 +107,10 @@ def write_json(result: Result, path: Path, command: str) -> None:
 
 
 def write_report(result: Result, path: Path, pair: tuple[str, str] | None = None) -> None:
-    """Write the page of a result; the same result gives the same bytes."""
+    """Write the page of a result, with the trade-off between a `pair` of requirements (default: the most conflicting).
+
+    The same result, command and date give the same bytes.
+    """
     from ...figures.plots import pictures  # with Matplotlib, a third of the start of every command
     from .pictures import drawings
 

@@ -17,12 +17,13 @@ from .evaluate import HOPELESS, Evaluation
 from .optimise import Result
 
 _LEVEL: Mapping[str, Any] = {"color": VERMILLION, "linewidth": 0.7, "linestyle": "--"}
-_SHOWN = 1.0  # s, longest response that is plotted: longer than any settling of interest
-_NEAR = 1.6  # largest objective of evaluations that show a conflict, as a multiple of the best objective
+_SHOWN = 1.0  # s, longest plotted time: longer than any settling time of interest
+_NEAR = 1.6  # largest objective at which evaluations are used to find conflicts, as a multiple of the best objective
 
 
 def drawings(result: Result, pair: tuple[str, str] | None = None) -> Iterator[Drawing]:
-    """Yield the pictures of a result; `pair` are the requirements of the trade-off, by default the most conflicting."""
+    """Yield the pictures of a result; `pair` names the requirements of the trade-off, by default the most conflicting.
+    """
     if moves := list(dict.fromkeys(
             r.test for r in result.study.requirements if r.test and r.test.kind in ("step", "slew"))):
         yield responses(result, moves)
@@ -32,7 +33,7 @@ def drawings(result: Result, pair: tuple[str, str] | None = None) -> Iterator[Dr
 
 
 def responses(result: Result, moves: Sequence[Test]) -> Drawing:
-    """Plot steps and slews in every case, with the initial and the returned gains."""
+    """Plot the responses to `moves` (steps and slews) in every case, with the initial and the returned gains."""
     subject, columns = ParameterSubject(result.study.base), min(len(moves), 2)
     plot, grid = panels(len(moves), columns, width=10.0, height=2.6)
     for axes, test in zip(grid, moves, strict=True):
@@ -55,13 +56,16 @@ def responses(result: Result, moves: Sequence[Test]) -> Drawing:
 
 
 def search(result: Result) -> Drawing:
-    """Plot the best objective during the search, and the objective of all evaluations over each gain."""
+    """Plot the best objective during the search and, over each gain, the objectives of all evaluations.
+
+    Objectives above the lowest 80 % of all are plotted at the upper edge.
+    """
     names = [t.name for t in result.study.tunables]
     plot, grid = figure(1, 1 + len(names), width=2.6 * (1 + len(names)), height=2.6)
     first, *others = grid.flat
     first.plot(result.history, color=GRAY)
-    for value, label in ((result.before.objective, "initial"), (result.best.objective, "returned")):
-        first.axhline(value, label=label, **{**_LEVEL, "color": VERMILLION if label == "initial" else BLUE})
+    first.axhline(result.before.objective, label="initial", **_LEVEL)
+    first.axhline(result.best.objective, label="returned", **{**_LEVEL, "color": BLUE})
     first.legend(loc="upper right")
     first.set(xlabel="generation, then local iteration", ylabel="best objective", title="Search")
     objective = np.array([e.objective for e in result.evaluated])
@@ -76,7 +80,7 @@ def search(result: Result) -> Drawing:
 
 
 def front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return the Pareto front of points whose coordinates should be small, in ascending order of the first."""
+    """Return the Pareto front of points whose coordinates should be small, by ascending first coordinate."""
     best: list[tuple[float, float]] = []
     for x, y in sorted(set(points)):
         if not best or y < best[-1][1]:
@@ -85,7 +89,7 @@ def front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 def shares(evaluations: Sequence[Evaluation], first: str, second: str) -> list[tuple[float, float]]:
-    """Return the worst shares of two requirements in each evaluation."""
+    """Return the shares of two requirements, each in its worst case, as a pair for each evaluation."""
     return [(e.by_requirement()[first].share, e.by_requirement()[second].share) for e in evaluations]
 
 
@@ -93,14 +97,15 @@ def conflict(evaluations: Sequence[Evaluation], pair: tuple[str, str] | None = N
              ) -> tuple[str, str, float] | None:
     """Return a pair of requirements, by default the two that conflict most, with the rank correlation of their shares.
 
-    The correlation is over the evaluations near the best objective. None if no two requirements conflict.
+    The correlation is over the evaluations near the best objective. Return None if there are no evaluations or, without
+    a `pair`, if no two requirements conflict.
     """
     if not evaluations:
         return None
     best = min(e.objective for e in evaluations)
     near = [e.by_requirement() for e in evaluations if e.objective <= _NEAR * best]
     columns = {name: np.array([judgements[name].share for judgements in near]) for name in near[0]}
-    # Figures that hardly vary or do not exist show no conflict.
+    # Figures that hardly vary, or do not exist in some evaluations, are not used.
     varying = [name for name, column in columns.items() if np.ptp(column) > 0.02 and column.max() < HOPELESS]
     rated = [(_correlation(columns[first], columns[second]), first, second)
              for first, second in ([pair] if pair else combinations(varying, 2))]
@@ -116,7 +121,7 @@ def _correlation(first: Any, second: Any) -> float:
 
 
 def trade(result: Result, first: str, second: str, correlation: float) -> Drawing:
-    """Plot the shares of two requirements' limits against each other, with their Pareto front."""
+    """Plot two requirements against each other, each as a share of its limit, with their Pareto front."""
     plot, (axes,) = column(f"{second} / limit", x=f"{first} / limit", width=6.0, height=3.6)
     pairs = shares(result.evaluated, first, second)
     points = np.array(pairs)

@@ -30,8 +30,8 @@ from ...parameters import ParameterSet, load_parameters, shipped_file
 from ...parameters.schema import In, Quantity, Table, document, each, read
 from ...support import extras
 
-_OVER, _WITHOUT = "over", "without"  # keys of a study that changes another one
-_AT_BOUND = 0.01  # distance at which a value is at a bound: share of the logarithmic range between the bounds
+_OVER, _WITHOUT = "over", "without"  # keys of a study that changes another study
+_AT_BOUND = 0.01  # largest distance from a bound, as a share of the logarithmic range, at which a value is at the bound
 
 
 class StudyError(EmcasError):
@@ -47,7 +47,7 @@ class Tunable:
     upper: float
 
     def bound(self, value: float) -> str:
-        """Return ``lower`` or ``upper`` if a value is within 1 % of the range from that bound, otherwise empty."""
+        """Return ``lower`` or ``upper`` if a value [SI] is within 1 % of the range from that bound, otherwise empty."""
         share = log(value / self.lower) / log(self.upper / self.lower)
         return "lower" if share <= _AT_BOUND else "upper" if share >= 1.0 - _AT_BOUND else ""
 
@@ -67,9 +67,10 @@ class Study:
         return Specification(self.requirements, self.cases)
 
     def judged_by(self, file: Path) -> Study:
-        """Return the study with the requirements of a file, in its cases or, if it has none, in all cases of the study.
+        """Return the study with the requirements of a file in place of its own.
 
-        Raises EmcasError if the file cannot be used.
+        They are judged in the cases of the file or, if it has none, in all cases of the study. Raises EmcasError if the
+        file cannot be used.
         """
         required = load_requirements(file, self.base)
         requirements = _measurable(required.requirements, self.base)
@@ -80,7 +81,7 @@ class Study:
 
     @property
     def digest(self) -> str:
-        """Hash of everything except the gains that determines their figures, and of their bounds."""
+        """Hash of the bounds of the gains, and of everything except the gains that determines the judgements."""
         tuned = {t.name for t in self.tunables}
         actuator = self.base.actuator
         parts = [{n: v for n, v in self.base.values.items() if n not in tuned}, *map(asdict, self.tunables),
@@ -134,12 +135,12 @@ class _File(_CasesOfFile):
 
 @cache
 def shipped_cases(base: ParameterSet) -> tuple[Case, ...]:
-    """Return the cases of the shipped study, even if its requirements cannot be measured. Raises StudyError."""
+    """Return the cases of the shipped study, without checking its requirements. Raises StudyError."""
     return tuple(_read(_CasesOfFile, shipped_file("tuning", base.model), base).cases.values())
 
 
 def _read(schema: type[_Read], path: Path, base: ParameterSet) -> _Read:
-    """Return a study's file; if it has no cases, with those shipped for the actuator without extensions."""
+    """Return a study's file; for a file without cases, with the cases shipped for the actuator without extensions."""
     contents = _over_another(document(path, StudyError)[1], path)
     if "cases" not in contents and is_shipped(base.model):
         contents["cases"] = document(shipped_file("tuning", parts(base.model)[0]), StudyError)[1]["cases"]
@@ -147,17 +148,17 @@ def _read(schema: type[_Read], path: Path, base: ParameterSet) -> _Read:
 
 
 def _over_another(contents: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Return the contents of a study, completed by the study that `over` names, a file in the same folder.
+    """Return the contents of a study, completed by those of the study that `over` names, a file in the same folder.
 
-    Tunables and cases replace those of the other file as a whole; a requirement replaces the one with its name.
-    Requirements named in `without` are left out. Raises StudyError.
+    The tables tunables and cases replace those of the other file as a whole; a requirement replaces the requirement
+    with the same name. Requirements named in `without` are left out. Raises StudyError.
     """
     other, without = contents.pop(_OVER, None), contents.pop(_WITHOUT, [])
     if other is None and not without:
         return contents
     if not isinstance(other, str) or not isinstance(without, list):
         raise StudyError(f'{path}: {_OVER} = {other!r} with {_WITHOUT} = {without!r}: expected the file of a study, '
-                         'such as "nonlinear+trajectory.toml", and a list of names of its requirements')
+                         'such as "nonlinear+trajectory.toml", and a list of requirement names')
     file = path.with_name(other)
     inherited = document(file, StudyError)[1]
     named = {**_by_name(inherited, file), **_by_name(contents, path)}
@@ -174,7 +175,7 @@ def _by_name(contents: dict[str, Any], path: Path) -> dict[str, Any]:
 
 
 def has_shipped_study(base: ParameterSet) -> bool:
-    """Return whether a shipped study is for this kind of actuator or fits it, even if an extra is not installed."""
+    """Return whether a shipped study fits an actuator, or is for its kind and might need an extra that is missing."""
     kind = parts(base.model)[0]
     if kind == NONLINEAR or shipped_file("tuning", base.model).stem == kind:
         return True
@@ -188,7 +189,8 @@ def has_shipped_study(base: ParameterSet) -> bool:
 def shipped_study(base: ParameterSet) -> Study:
     """Return the shipped study for a parameter set.
 
-    Raises StudyError, for example if the actuator lacks a parameter that the study tunes.
+    Raises StudyError, for example if the actuator lacks a parameter that the study tunes, and EmcasError if an extra is
+    missing.
     """
     try:
         return load_study(shipped_file("tuning", base.model), base)
