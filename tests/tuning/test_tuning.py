@@ -29,12 +29,13 @@ from emcas_fmu.bench.metrics import FIGURES, step_metrics
 from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.cli import app
+from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.runtime.compiled import Tables
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.tuning.evaluate import HOPELESS, Evaluation, Journal, Judgement, evaluate, share
 from emcas_fmu.studies.tuning.optimise import Result as Tuned
-from emcas_fmu.studies.tuning.optimise import _evaluated, tune
+from emcas_fmu.studies.tuning.optimise import _evaluated, _processes, tune
 from emcas_fmu.studies.tuning.output import at_bounds, verdict, write_json, write_report, write_tuned
 from emcas_fmu.studies.tuning.pictures import conflict, front, shares
 from emcas_fmu.studies.tuning.study import Study, StudyError, load_study
@@ -279,6 +280,12 @@ def test_workers_change_nothing(study: Study) -> None:
     alone, together = tune(study, generations=2), tune(study, generations=2, workers=2)
     assert alone.best == together.best
     assert alone.history == together.history
+
+
+def test_a_worker_that_dies_ends_the_search_with_one_line() -> None:
+    with pytest.raises(EmcasError, match=r"^tune: one of 2 worker processes died .*; use fewer workers; .*$"), \
+            _processes(2) as run:
+        list(run(os._exit, [1]))
 
 
 def test_a_run_that_was_stopped_goes_on(study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

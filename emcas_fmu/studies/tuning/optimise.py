@@ -10,6 +10,7 @@ import os
 import signal
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise, repeat
@@ -22,6 +23,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import differential_evolution, minimize
 
+from ...errors import EmcasError
 from ...parameters import ParameterSet
 from ...runtime import library
 from ...support.progress import Progress, silent, uninterrupted
@@ -122,7 +124,7 @@ def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, j
     Evaluations in the `journal` are not repeated, and new evaluations are added to it; without a journal they stay in
     memory. `progress` receives the stage with its worst requirement, the number of finished parts, and the total number
     of parts: the generations and the local search. Ctrl-C ends the search with the best gains so far. Raises
-    KeyboardInterrupt if Ctrl-C comes before the initial gains are judged.
+    KeyboardInterrupt if Ctrl-C comes before the initial gains are judged, and EmcasError if a worker process dies.
     """
     evaluations = journal if journal is not None else Journal(None, study)
     search = _Search(study, evaluations, progress, generations, workers)
@@ -253,7 +255,7 @@ def _evaluated(run: _Map, study: Study, gains: Sequence[Gains], workers: int) ->
 
 @contextmanager
 def _processes(count: int) -> Iterator[_Map]:
-    """Yield the map of `count` worker processes, or for one the built-in map.
+    """Yield the map of `count` worker processes, or for one the built-in map. Raises EmcasError if a worker dies.
 
     Threads would wait for the interpreter's lock, since most of the work is done in Python.
     """
@@ -273,5 +275,8 @@ def _processes(count: int) -> Iterator[_Map]:
                 if masks:
                     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         yield executor.map
+    except BrokenProcessPool as error:
+        raise EmcasError(f"tune: one of {count} worker processes died (out of memory, or killed); use fewer workers; a "
+                         "journal keeps the finished evaluations, and the same search continues from them") from error
     finally:
         executor.shutdown(wait=True, cancel_futures=True)
