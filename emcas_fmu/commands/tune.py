@@ -58,8 +58,8 @@ def tune(
     chosen = load_study(study, base) if study else shipped_study(base)
     chosen = chosen.judged_by(requirements) if requirements else chosen
     names = [r.name for r in chosen.requirements]
-    if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):
-        raise EmcasError(f"--pareto must appear twice, with two of {', '.join(names)}")
+    if pareto is not None and (len(pareto) != 2 or len({*pareto}.intersection(names)) != 2):
+        raise EmcasError(f"--pareto must appear twice, with two different requirements among {', '.join(names)}")
     common.warn(stalled(base, max(abs(getattr(r.test, "torque", 0.0)) for r in chosen.requirements)))
     try:
         with common.work("tune", lines=True) as step:

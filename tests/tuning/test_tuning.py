@@ -441,7 +441,8 @@ def test_what_cannot_be_met_is_said(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("arguments", "said"), [
     (("--pareto", "rise"), "--pareto must appear twice"),
-    (("--pareto", "rise", "--pareto", "x"), "two of rise, overshoot"),
+    (("--pareto", "rise", "--pareto", "x"), "two different requirements among rise, overshoot"),
+    (("--pareto", "rise", "--pareto", "rise"), "two different requirements among rise, overshoot"),
     (("--parameters", "none.toml"), "none.toml"), (("--output", "no/such/x.toml"), "there is no folder")])
 def test_command_refuses(small: Path, arguments: tuple[str, ...], said: str) -> None:
     done = emcas(small, *arguments)
