@@ -87,7 +87,7 @@ def test_a_scheduler_that_is_running(write: Write, tmp_path: Path, client: Any) 
     (("--only", "24"), "the indices are 0 to 23"),
     (("--fmu", "none.fmu"), "there is no such file"),
     (("--fmu", "none.toml"), "is not an FMU by its name"),
-    (("--fin", "2"), "fin 2 is one of an FMU; name the FMU with --fmu"),
+    (("--fin", "2"), "fin 2 must be a fin of an FMU; name the FMU with --fmu"),
     (("--report", "none/x.html"), "there is no folder"),
     (("--output", "small.toml/x"), "is a file; give a folder"),
 ])

@@ -299,5 +299,5 @@ def test_the_shipped_ones_and_what_an_actuator_has_not(write: Write) -> None:
 
 
 def test_no_experiment_is_called_so(write: Write) -> None:
-    with pytest.raises(CampaignError, match="other than requirement"):
+    with pytest.raises(CampaignError, match="must not be requirement"):
         load_study(write(VARIED.replace("[experiments.step]", "[experiments.requirement]")))

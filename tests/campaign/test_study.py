@@ -159,7 +159,7 @@ duration = "0.2 s"
     ('kind = "step"', 'kind = "sweep"\nlow = "20 Hz"\nhigh = "20 Hz"', "low (at most 20 Hz) must be below high"),
     ('kind = "step"', 'kind = "chirp"\nlow = "20 Hz"\n'
      'high = { distribution = "uniform", low = "15 Hz", high = "30 Hz" }', "must be below high (at least 15 Hz"),
-    ("[campaign]", '[base]\nfin = 2\n[campaign]', "fin 2 is one of an FMU"),
+    ("[campaign]", '[base]\nfin = 2\n[campaign]', "fin 2 must be a fin of an FMU"),
     ("[campaign]", '[base]\nfin = 0\n[campaign]', "base.fin = 0"),
     ('low = "-6 degC"', 'low = "50 degC"', "must be below high"),
     ('low = "-6 degC"', 'low = "-150 degC"', "must stay within -100 .. 200 degC"),

@@ -1,4 +1,4 @@
-"""Distributions of factors, read from tables of a TOML file, and their quantiles."""
+"""Distributions of factors: read from tables of a TOML file, checked, with their quantiles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ...parameters.schema import In, Quantity, Table, kind_of
 from ...simulation import Array
 
 Value = float | int | bool
-# Largest probability that a sample is outside the limits of a parameter; such a sample fails.
+# Largest permitted probability that a drawn value is outside the limits of its parameter; such a sample fails.
 MOST_OUTSIDE = 1e-3
 _NUMBER = re.compile(r"\s*[+-]?(?:\d[\d_]*\.?[\d_]*|\.\d[\d_]*)(?:[eE][+-]?\d+)?")
 
@@ -37,7 +37,7 @@ _CONTINUOUS: Mapping[str, Callable[..., Any]] = {
     "truncated-normal": lambda mean, sd, low, high: stats.truncnorm((low - mean) / sd, (high - mean) / sd, mean, sd),
     "lognormal": _lognormal,
 }
-# Parameters of each kind of distribution; the default of `mean` is the value of the base set.
+# Keys of each kind of distribution in a file; the default of `mean` is the value of the base set.
 KINDS: Mapping[str, tuple[str, ...]] = {
     **{kind: tuple(signature(make).parameters) for kind, make in _CONTINUOUS.items()}, "choice": ("levels", "weights")}
 
@@ -53,7 +53,7 @@ class CampaignError(EmcasError):
 
 @dataclass(frozen=True)
 class Distribution:
-    """A distribution in its entry's unit: `numbers` by name, or the `levels` of a choice with `cumulated` shares."""
+    """A distribution in its entry's unit: its `numbers` by key, or the `levels` of a choice with `cumulated` shares."""
 
     kind: str
     numbers: Mapping[str, float]
@@ -61,7 +61,7 @@ class Distribution:
     cumulated: tuple[float, ...] = ()
 
     def at(self, probability: Array | float) -> Array:
-        """Return the quantiles at probabilities between 0 and 1, in their shape."""
+        """Return the quantiles at probabilities between 0 and 1, in the shape of `probability`."""
         if self.kind == "choice":
             index = np.searchsorted(self.cumulated, probability, side="right")
             return np.asarray(self.levels, dtype=float)[np.minimum(index, len(self.levels) - 1)]
@@ -69,7 +69,7 @@ class Distribution:
         return values
 
     def limits(self, outside: float = 0.0) -> tuple[float, float]:
-        """Return the smallest and the largest value; tails are cut at a probability `outside` at either end."""
+        """Return the smallest and the largest value; a tail ends where a probability `outside` remains beyond."""
         if self.kind == "choice":
             return float(min(self.levels)), float(max(self.levels))
         if "low" in self.numbers:
@@ -79,7 +79,10 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Factor:
-    """A parameter or number that varies between samples, in `unit`; `type` is Real, Integer or Boolean."""
+    """A parameter, or a number of a motion or profile, that varies between samples.
+
+    Its distribution is in `unit`; `type` is Real, Integer or Boolean.
+    """
 
     name: str
     unit: str
@@ -93,13 +96,13 @@ class Factor:
 
 
 def _deviation(written: Any, info: ValidationInfo) -> float:
-    """Return a standard deviation in the entry's unit; the file has a percentage of the mean, or a difference."""
+    """Return a standard deviation in the entry's unit; the file has a percentage of the mean, or a quantity."""
     unit: Any = info.context
     text = str(written).strip()
     if text.endswith("%") and unit.unit == "degC":
         raise ValueError("a percentage of a temperature has no meaning; write a difference such as 5 K")
     deviation = float(replace(unit, base=abs(info.data.get("mean", 0.0))).number(written))
-    if unit.unit == "degC":  # a difference of 5 degC or 5 K: subtract the unit's offset
+    if unit.unit == "degC":  # number() converts a difference of 5 degC or 5 K as a temperature: subtract its offset
         deviation -= float(unit.number(_NUMBER.sub("0", text, count=1)))
     return deviation
 
@@ -107,7 +110,7 @@ def _deviation(written: Any, info: ValidationInfo) -> float:
 def _mean(written: Any, info: ValidationInfo) -> float:
     unit: Any = info.context
     if written is None and unit.base is None:
-        raise ValueError("is missing; this number has no default")
+        raise ValueError("is missing; this entry has no default")
     return float(unit.base if written is None else unit.number(written))
 
 
@@ -123,7 +126,7 @@ _TABLES: Mapping[str, type[Table]] = {
     for kind, keys in KINDS.items()}
 
 
-class _Evenly(Table):
+class _EvenLevels(Table):
     """Equidistant levels."""
 
     low: Quantity
@@ -134,7 +137,7 @@ class _Evenly(Table):
 def distribution(written: Mapping[str, Any], unit: In) -> Distribution:
     """Return the distribution that a table describes, in `unit`. Raises ValueError or ValidationError."""
     if "count" in written and "distribution" not in written:
-        even = _Evenly.model_validate(written, context=unit)
+        even = _EvenLevels.model_validate(written, context=unit)
         width, unit_of = even.high - even.low, "" if unit.unit == "1" else f" {unit.unit}"
         written = {"levels": [f"{even.low + width * k / (even.count - 1)!r}{unit_of}" for k in range(even.count)]}
     kind = kind_of({"distribution": "choice", **written} if "levels" in written else written, KINDS, "distribution")
@@ -146,12 +149,12 @@ def distribution(written: Mapping[str, Any], unit: In) -> Distribution:
                     Distribution(kind, {key: getattr(table, key) for key in KINDS[kind]}), unit)
 
 
-def _checked(made: Distribution, unit: In) -> Distribution:
-    """Return a distribution if its numbers fit together, and it is within the entry's limits except for tails.
+def _checked(read: Distribution, unit: In) -> Distribution:
+    """Return a distribution if its numbers fit together and almost all its values are within the entry's limits.
 
     Raises ValueError.
     """
-    n = made.numbers
+    n = read.numbers
     if "low" in n and not n["low"] < n["high"]:
         raise ValueError(f"low = {n['low']:g} must be below high = {n['high']:g} {unit.unit}")
     if "mode" in n and not n["low"] <= n["mode"] <= n["high"]:
@@ -159,20 +162,20 @@ def _checked(made: Distribution, unit: In) -> Distribution:
     if "sd" in n and not n["sd"] > 0.0:
         raise ValueError(f"sd = {n['sd']:g} {unit.unit}: must be above 0 (a percentage refers to the mean)")
     for kind, key in (("lognormal", "mean"), ("log-uniform", "low")):
-        if made.kind == kind and not n[key] > 0.0:
-            raise ValueError(f"{key} = {n[key]:g}: a {kind} needs a {key} above 0")
-    if made.kind == "truncated-normal" and np.isnan(made.at(0.5)):
-        raise ValueError("low and high are too far from the mean for a normal distribution")
-    low, high = made.limits()
-    if "low" in n or made.kind == "choice":
+        if read.kind == kind and not n[key] > 0.0:
+            raise ValueError(f"{key} = {n[key]:g}: a {kind} distribution needs a {key} above 0")
+    if read.kind == "truncated-normal" and np.isnan(read.at(0.5)):
+        raise ValueError("low and high are too far from the mean for this sd; move them, or increase the sd")
+    low, high = read.limits()
+    if "low" in n or read.kind == "choice":
         outside, remedy = float(low < unit.minimum or high > unit.maximum), ""
     else:  # with tails
-        law = _frozen(made.kind, *n.values())
+        law = _frozen(read.kind, *n.values())
         outside = float(law.cdf(unit.minimum) + law.sf(unit.maximum))
-        remedy = f": {outside:.2g} of the samples do not; use distribution = \"truncated-normal\""
+        remedy = f": a share of {outside:.2g} of the samples does not; use distribution = \"truncated-normal\""
     if outside > MOST_OUTSIDE:
         raise ValueError(f"must stay {unit.limits}{remedy}")
-    return made
+    return read
 
 
 def _choice(levels: tuple[Value, ...], weights: list[float] | None) -> Distribution:

@@ -1,6 +1,6 @@
-"""The experiments of a campaign: the excitations (motion and other inputs), and the figures of each kind of motion.
+"""The experiments of a campaign: their excitations (motion and other inputs), and the figures of each kind of motion.
 
-Figures are in SI, and are measured from the start of the command.
+Figures are in SI and are measured from the start of the command.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ...motions import KINDS, STEP
 from ...simulation import Array
 
 REQUIREMENT = "requirement"  # begins the names of the requirements' columns; no experiment may have this name
-SAME = ""  # the unit of the input itself
+SAME = ""  # instead of a unit: the unit of the input
 PROFILES: Mapping[str, Mapping[str, str]] = {
     "constant": {"value": SAME},
     "step": {"before": SAME, "after": SAME, "at": "s"},
@@ -32,11 +32,10 @@ PROFILES: Mapping[str, Mapping[str, str]] = {
     "sine": {"amplitude": SAME, "frequency": "Hz", "offset": SAME},
     "spring": {"stiffness": "N.m/rad", "offset": SAME},
 }
-"""Kinds of input profiles: their fields with units."""
-# Optional fields; their default is the input's start value.
-OPTIONAL = ("before", "outside", "offset")
+"""Units of the fields of each kind of input profile."""
+OPTIONAL = ("before", "outside", "offset")  # fields whose default is the input's start value
 POWER = "supply_power"
-# Rows of power for each row of other outputs: the drive has short transients after each sample of the controller.
+# Rows of power for each row of the other outputs: the drive has short transients after each sample of the controllers.
 POWER_ROWS = 5
 _PERIOD = "controller.sample_time"
 _ALL = "all"
@@ -56,7 +55,7 @@ _COLUMNS: Mapping[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Profile:
-    """One input over time; the numbers of its fields have the names ``PREFIX.FIELD``."""
+    """One input over time; the numbers of its fields are named ``PREFIX.FIELD``."""
 
     variable: str
     kind: str
@@ -65,7 +64,7 @@ class Profile:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A run of every sample: a kind of motion, its `duration` [s] from the command, and profiles of other inputs."""
+    """A run that is made for every sample: a kind of motion, its `duration` [s] from the command, and other inputs."""
 
     name: str
     kind: str
@@ -79,10 +78,11 @@ class Experiment:
 
 
 def excitation(experiment: Experiment, values: Mapping[str, Any], numbers: Mapping[str, Any], model: str) -> Excitation:
-    """Return the excitation of an experiment; the times of profiles begin at the command.
+    """Return the excitation of an experiment; times of profiles count from the command.
 
-    `values` are the parameters of the `model` (flat, SI), `numbers` those of motions and profiles (SI) by name. Values
-    that differ between samples are arrays [samples]. Raises ValueError for numbers that contradict each other.
+    `values` are the parameters of the `model` (flat, SI), `numbers` the numbers of motions and profiles (SI) by name.
+    Values that differ between samples are arrays [samples]. Raises ValueError for numbers that contradict each other,
+    such as a window that ends before it begins.
     """
     number = _finder(numbers, experiment.prefix, 0.0)
     amplitude, *shape = (number(field) for field in ("amplitude", *KINDS[experiment.kind].shape))
@@ -109,8 +109,7 @@ Number = Callable[[str], Any]
 
 
 def _finder(numbers: Mapping[str, Any], prefix: str, start: Any) -> Number:
-    """Return a function that returns the number of a field, [samples, 1] where samples differ; `start` is the default.
-    """
+    """Return a function of a field that returns its number, [samples, 1] if samples differ; the default is `start`."""
     def number(field: str) -> Any:
         value = numbers.get(f"{prefix}.{field}", start)
         return np.asarray(value, dtype=float)[:, np.newaxis] if np.ndim(value) else float(value)
@@ -123,7 +122,7 @@ def _of_unit_amplitude(kind: str, duration: float, *shape: float) -> Excitation:
 
 
 def _from(time: Array, instant: Any) -> Any:
-    """Return whether each row is at an `instant` [s] or later; a row that is early by a rounding error counts."""
+    """Return whether each row is at an `instant` [s] or later, or earlier by a rounding error only."""
     return time > instant - STEP / 2
 
 
@@ -139,7 +138,7 @@ _SHAPES: Mapping[str, Callable[[Array, Number], Any]] = {
     "constant": lambda time, number: number("value"),
     "step": lambda time, number: np.where(_from(time, number("at")), number("after"), number("before")),
     "window": _window,
-    # Row by row: NumPy's vectorised sine of a sample could depend on the samples beside it.
+    # The sine is computed sample by sample: NumPy's vectorised sine could depend on the other samples.
     "sine": lambda time, number: number("offset") + number("amplitude") * np.apply_along_axis(
         np.sin, -1, 2.0 * pi * number("frequency") * np.maximum(time, 0.0)),
 }
@@ -155,7 +154,7 @@ def figures(kind: str, model: str) -> Mapping[str, Figure]:
 
 
 def lacking(model: str) -> dict[str, list[str]]:
-    """Return the columns that an actuator does not have, by reason."""
+    """Return, by reason, the names of the columns that an actuator does not have."""
     return left_out({name: FIGURES[figure] for name, (figure, _) in _COLUMNS.items()},
                     [v.name for v in get(model).outputs])
 
@@ -163,8 +162,8 @@ def lacking(model: str) -> dict[str, list[str]]:
 def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps: Sequence[Array]) -> dict[str, Any]:
     """Return the figures [runs] of finished runs by the bench's names; nan for a level that is never reached.
 
-    The column POWER has POWER_ROWS values for each row. It jumps at the times `leaps` [s] after the command: one array
-    for all runs, or one for each. Raises ValueError for a step without height.
+    The column POWER has POWER_ROWS values for each row. The power jumps at the times `leaps` [s] after the command: one
+    array for all runs, or one for each run. Raises ValueError for a step without height.
     """
     columns = {name: column for name, column in run.columns.items() if name != POWER}
     rows = replace(run, columns=columns)
@@ -178,8 +177,8 @@ def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps
         command, moves = run.excitation.command, run.excitation.moves
         before = moves[-2].level if len(moves) > 1 else command[..., 0]
         if np.any((command[..., -1] == before) | (command[..., -1] == columns["fin_angle"][..., begin])):
-            raise ValueError("the step has no height: the command is the command before it or the fin's initial angle")
-        measures |= moved(rows, -1)  # a slew has a jump to its starting end before
+            raise ValueError("the step has no height: its command is the previous command or the fin's initial angle")
+        measures |= moved(rows, -1)  # the last move: a slew jumps to its starting end first
         measures["steady_error"] = np.abs(measures["steady_error"])
     if KINDS[experiment.kind].sweeps:
         count = len(columns["fin_angle"])
@@ -190,7 +189,7 @@ def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps
 
 
 def _bandwidths(measures: dict[str, float]) -> dict[str, float]:
-    """Return the figures of a sweep; bandwidths beyond it are infinite, or 0 if the gain is always below -3 dB."""
+    """Return a sweep's figures; a bandwidth beyond the sweep is infinite, or 0 if the gain is always below -3 dB."""
     follows = measures["peak_gain"] >= -3.0
     beyond = inf if follows else 0.0
     gain, phase = measures["bandwidth_3db"], measures["bandwidth_90deg"]
@@ -199,15 +198,15 @@ def _bandwidths(measures: dict[str, float]) -> dict[str, float]:
 
 
 def named(experiment: Experiment, model: str, measures: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the measured figures of an experiment by column name."""
+    """Return the measured figures of an experiment by column name, from `measures` by the bench's names."""
     return {f"{experiment.name}.{name}": measures[_COLUMNS[name][0]] for name in figures(experiment.kind, model)}
 
 
 def leaps(subject: Subject, changes: Mapping[str, Any], run: Run) -> list[Array]:
-    """Return the times [s] after the command at which a new reference reaches the drive, its delay after each sample.
+    """Return the times [s] after the command at which a new reference reaches the drive: each sample plus the delay.
 
     The list has one array if the times are the same in all runs, otherwise one for each run. An array is empty if the
-    sample time is too short for the rows.
+    sample time is shorter than two rows of power.
     """
     period, delay = changes.get(_PERIOD, subject.values[_PERIOD]), subject.transport_delay(changes)
     periods, delays = np.broadcast_arrays(np.atleast_1d(period), delay)

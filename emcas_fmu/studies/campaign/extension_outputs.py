@@ -1,7 +1,7 @@
 """Outputs that extensions add: their entries in a row, measured from the command, and counts over samples.
 
-Numbers become figures, like those of :mod:`emcas_fmu.bench.metrics`. States, flags and words of bits have no meaningful
-mean. They are observed: an entry is the last value, and another for a word all bits that were ever set.
+An entry is a figure, as in :mod:`emcas_fmu.bench.metrics`, or an observation: the last value of a state, flag or word
+of bits, or all bits of a word that were ever set.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ NONE, SEVERAL = "no fault", "several faults"
 
 
 class Reduction(NamedTuple):
-    """How the column of an output becomes an entry of a row; `figure` is None for an entry that is only observed."""
+    """How the column of an output becomes an entry of a row; `figure` is None for an observation."""
 
     output: Variable
     figure: Figure | None
@@ -74,20 +74,21 @@ def _first(column: Array, time: Array) -> Array:
 
 def reduced(experiment: Experiment, model: str, run: Run) -> dict[str, Array]:
     """Return figures and observations [runs] of finished runs by column name."""
-    at = dict(zip(run.columns, since(run.excitation.begin, *run.columns.values()), strict=True))
-    return {f"{experiment.name}.{name}": reduction.value(at[reduction.output.name], at["time"] - run.excitation.begin)
+    begin = run.excitation.begin
+    judged = dict(zip(run.columns, since(begin, *run.columns.values()), strict=True))
+    return {f"{experiment.name}.{name}": reduction.value(judged[reduction.output.name], judged["time"] - begin)
             for name, reduction in reductions(model).items()}
 
 
 def in_words(output: Variable, value: Any) -> str:
-    """Return an observed value as text; that of a word has the names of the bits that are set."""
+    """Return an observed value as text; the text of a word includes the names of the bits that are set."""
     if output.bits and value:
         return f"{value} ({', '.join(output.flags(value))})"
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def observed(study: Study) -> dict[str, Variable]:
-    """Return the outputs that are observed instead of reduced to figures, by column name."""
+    """Return the outputs of the observations in a row, by column name."""
     return {f"{experiment.name}.{name}": r.output for experiment in study.experiments
             for name, r in reductions(study.model).items() if r.figure is None}
 
@@ -97,9 +98,9 @@ class Finding:
     """The samples of an experiment with one `fault`, with NONE or with SEVERAL.
 
     `found` is the number of samples in which a monitor first tripped after the fault began; with NONE, the number in
-    which a monitor tripped. In `before` samples a monitor tripped before the fault began. `monitors` is the number of
-    samples in which each monitor tripped. `delay` [s] is the median time from the beginning of the fault to the first
-    trip over the `found` samples, `longest` [s] the largest; both are nan if there is no such sample.
+    which a monitor tripped. `before` is the number in which a monitor tripped before the fault began. `monitors` has
+    the number in which each monitor tripped. `delay` [s] is the median time from the beginning of the fault to the
+    first trip over the `found` samples, `longest` [s] the largest; both are nan with NONE or if `found` is 0.
     """
 
     experiment: str
@@ -113,7 +114,7 @@ class Finding:
 
 
 def tallies(study: Study, table: Any) -> dict[str, dict[str, int]]:
-    """Return for every observed column the number of samples with each value, or each bit of a word; largest first."""
+    """Return for every observation the number of samples with each value, or each bit of a word, the largest first."""
     return {name: dict(Counter(
         word for value in table[name].to_pylist()
         for word in ((output.flags(value) or ("none",)) if output.bits else (in_words(output, value),))).most_common())
@@ -121,7 +122,7 @@ def tallies(study: Study, table: Any) -> dict[str, dict[str, int]]:
 
 
 def findings(study: Study, table: Any) -> Iterator[Finding]:
-    """Yield the findings of each experiment for NONE, each fault alone and SEVERAL; none if the model has no faults."""
+    """Yield the findings of each experiment: NONE, each single fault, SEVERAL; nothing without faults in the model."""
     words = {v.name: v for v in study.actuator.outputs if v.name in (FAULT_WORD, BUILT_IN_TEST.name)}
     for experiment in (e.name for e in study.experiments if len(words) == 2):
         injected, tripped = ([word.flags(value) for value in table[f"{experiment}.{word.name}_ever"].to_pylist()]

@@ -17,14 +17,14 @@ CONFIDENCE = 0.95
 
 
 def percentiles(values: Array, percentages: Iterable[int]) -> dict[int, float]:
-    """Return percentiles by percentage; each is a sample, since interpolation with an infinite value is impossible."""
+    """Return percentiles by percentage; each is one of the `values`, since infinite values cannot be interpolated."""
     percentages = list(percentages)
     return dict(zip(percentages, np.percentile(values, percentages, method="inverted_cdf").tolist(), strict=True))
 
 
 @dataclass(frozen=True)
 class Chance:
-    """The number of samples that meet a requirement (None: all requirements); a failed sample does not."""
+    """The number of samples that meet a requirement (None: all requirements); failed samples do not meet it."""
 
     requirement: Requirement | None
     met: int
@@ -51,6 +51,6 @@ class Chance:
 
 
 def _percent(share: float, to_integer: Callable[[float], int]) -> str:
-    """Return a share in %, with two digits of its distance to 0 or 100 % and at least one decimal."""
+    """Return a share as text in %, with two digits of its distance from 0 or 100 %, and at least one decimal."""
     digits = max(1, 2 - ceil(log10(100.0 * min(share, 1.0 - share) or 1.0)))
     return f"{to_integer(share * 100.0 * 10.0**digits) / 10.0**digits:.{digits}f} %"

@@ -1,4 +1,4 @@
-"""The summary of a campaign as a page, with pictures, and as tables for the terminal."""
+"""The summary of a campaign as a page with pictures, and as tables for the terminal."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SHOWN = 5, 50, 95  # percentiles in the terminal's tables
 _COLUMNS = 3
 _MOST_FACTORS = 12
 _BINS = 40
-_MOST_WORST = 6  # most samples in a picture
+_MOST_WORST = 6  # most samples in the picture of the worst samples
 _MOST_LEVELS = 8
 
 
@@ -61,7 +61,7 @@ def histograms(name: str, spreads: Sequence[Spread]) -> Drawing:
 
 
 def dependence(name: str, spreads: Sequence[Spread]) -> Drawing:
-    """Plot rank correlations between the figures of an experiment and the factors, as bars with intervals."""
+    """Plot the rank correlations between figures of an experiment and factors as bars with 95 % intervals."""
     strongest: dict[str, float] = {}
     for s in spreads:
         for e in s.effects:
@@ -87,7 +87,7 @@ def dependence(name: str, spreads: Sequence[Spread]) -> Drawing:
 
 
 def worst(summary: Summary, experiment: Experiment, spreads: Sequence[Spread]) -> Drawing:
-    """Run the samples that are worst in a figure again, and plot their responses together."""
+    """Run the samples again that are the worst in a figure, and plot their responses together."""
     by_sample: dict[int, list[str]] = {}
     for s in spreads:
         by_sample.setdefault(s.worst[0][0], []).append(s.name.partition(".")[2])
@@ -109,7 +109,7 @@ def worst(summary: Summary, experiment: Experiment, spreads: Sequence[Spread]) -
 
 
 def described(factor: Factor) -> tuple[str, str]:
-    """Return a factor's distribution as one line, and the unit of its numbers; angles are in degrees."""
+    """Return a factor's distribution as text, and the unit of its numbers; angles are in degrees."""
     unit, scale = shown(factor.unit) if factor.unit.startswith("rad") else (factor.unit, 1.0)
     kind, numbers, levels = factor.distribution.kind, factor.distribution.numbers, factor.distribution.levels
     if kind != "choice":
@@ -120,12 +120,15 @@ def described(factor: Factor) -> tuple[str, str]:
 
 
 def seconds(value: float) -> str:
-    """Return a time [s] as text."""
+    """Return a time [s] as text; a dash if it is not finite."""
     return f"{value:.2f} s" if isfinite(value) else "–"
 
 
 def write_report(summary: Summary, path: Path, command: str) -> None:
-    """Write the page of a summary, with the `command` that runs the campaign; the same rows give the same bytes."""
+    """Write the page of a summary, with the `command` that runs the campaign.
+
+    The same rows, command and date give the same bytes.
+    """
     study = summary.study
     source = Source(f"FMU with SHA-256 {study.fmu_sha256}, campaign" if study.fmu else "campaign", study.path.name, "",
                     parameters_hash(study.base), study.actuator.name)
@@ -138,7 +141,7 @@ def write_report(summary: Summary, path: Path, command: str) -> None:
 
 
 def tables(summary: Summary) -> Iterator[Table]:
-    """Yield the percentiles of every figure, the requirements and the faults as tables for the terminal."""
+    """Yield tables for the terminal: the percentiles of every figure, the requirements and the faults."""
     yield table(["figure", "unit", *(f">{p} %" for p in _SHOWN), "depends most on"], (
         [s.name, shown(s.figure.unit)[0], *(text(s.figure, s.percentiles[p]) for p in _SHOWN),
          *(f"{_short(e.factor)} ({e.rank_correlation:+.2f})" if e.sure else "" for e in s.effects[:1])]
@@ -155,7 +158,8 @@ def tables(summary: Summary) -> Iterator[Table]:
 
 
 def _requirements(summary: Summary) -> Table:
-    """Return a table: the samples that meet each requirement, with the median and a bad percentile of its figure."""
+    """Return a table of the requirements: median and bad percentile of the figure, and the samples that meet the limit.
+    """
     low, median, high = _SHOWN
     *each, together = summary.chances
     rows: list[Sequence[str | Text] | None] = []
@@ -174,5 +178,5 @@ def _requirements(summary: Summary) -> Table:
 
 
 def _short(factor: str) -> str:
-    """Return a factor's name without its experiment."""
+    """Return a factor's name without the experiment's name."""
     return factor.split(".", 2)[2].removeprefix("inputs.") if factor.startswith("experiments.") else factor

@@ -1,6 +1,6 @@
-"""Run the samples of a campaign: in this process, or with Dask on this machine or others.
+"""Run the samples of a campaign in this process, or with Dask on this machine or on several machines.
 
-Workers are processes: the estimates of sweeps are mostly computed in Python, where threads would wait for each other.
+Workers are processes: the figures of sweeps are mostly computed in Python, where threads would wait for each other.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ from .experiments import POWER_ROWS
 from .sample import Rows, failed, rows
 from .study import Study
 
-# Simulated time of a task by default [s], with the kernel and with an FMU: tenths of a second of work, and seconds. It
-# is long compared with the overhead of milliseconds, and short enough to be lost if a worker is killed.
+# Simulated time of a task [s]: with the kernel (tenths of a second of work) and with an FMU (seconds of work). The
+# overhead of a task is milliseconds, and little work is lost if a worker is killed.
 SIMULATED, BY_FMU = 1000.0, 20.0
-# Deaths of workers after which a task is still repeated. Dask's default of 3 costs more restarts for a sample that
-# kills every worker; 0 would abandon a task whose worker was killed from outside.
+# Number of workers that may die while they run a task before the task is abandoned. Dask's default of 3 costs more
+# restarts for a sample that kills every worker; with 0, a task would be abandoned if its worker is killed from outside.
 ALLOWED_DEATHS = 1
-_AHEAD = 3  # tasks submitted per thread, so that no thread waits for the client
+_AHEAD = 3  # submitted tasks per thread: no thread waits for the client
 # Workers run this first. A terminal sends Ctrl-C to every process; only the client handles it, and ends the workers.
 _UNINTERRUPTED = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 _CONNECT = 20.0  # s, longest wait for a scheduler
 _WORKERS = 120.0  # s, longest wait for the first worker
-# A run without any worker on this machine ends after this time [s]. A restart needs 3 s, and tens on a busy machine.
+# Time [s] without a worker after which a run on this machine ends. A restart needs 3 s; on a busy machine, tens of s.
 _RESTARTED = 300.0
-# Dask removes a worker for good if it is not running at one instant, by default 15 s after its death: also if it
-# restarts slowly, or has died again since. Without workers the run would wait for ever.
+# Time after the death of a worker at which Dask removes the worker for good if it is not running at that instant. The
+# default of 15 s also removes workers that restart slowly, or have died again: then the run would wait forever.
 _NEVER = "365 days"
 
 Work = Callable[[Study, Sequence[int], Array], Rows]
@@ -55,7 +55,7 @@ def _distributed() -> Any:
 
 
 def _prepared(study: Study, missing: Indices, chunk: int | None, threads: int) -> Iterator[Indices]:
-    """Compile the kernel if that saves time, also for workers on this machine; return chunks of indices, in order."""
+    """Return chunks of indices, in order; compile the kernel first, also for workers here, if that saves time."""
     if not study.fmu:
         library.compile_for(study.model, len(missing) * study.duration / STEP * POWER_ROWS)
     size = chunk or chunk_size(study, len(missing), threads)
@@ -63,7 +63,7 @@ def _prepared(study: Study, missing: Indices, chunk: int | None, threads: int) -
 
 
 def chunk_size(study: Study, count: int, threads: int) -> int:
-    """Return the number of samples in a task: with eight or more tasks per thread, threads end at about one time."""
+    """Return the number of samples in a task: so many tasks per thread (at least eight) that threads end together."""
     most = int((BY_FMU if study.fmu else SIMULATED) / study.duration)
     return max(1, min(most, count // (8 * threads)))
 
@@ -81,12 +81,12 @@ def local_client(workers: int, model: str = NONLINEAR) -> Iterator[Any]:
 
     distributed = _distributed()  # its import sets Dask's defaults
     library.available(model)  # compiles once, not in every worker
-    # The rows tell of dead workers; log lines would break the progress bar.
+    # The rows report dead workers; Dask's log lines would break the progress bar.
     with dask.config.set({"distributed.scheduler.allowed-failures": ALLOWED_DEATHS,
                           "distributed.deploy.lost-worker-timeout": _NEVER,
                           "distributed.scheduler.no-workers-timeout": _RESTARTED,
                           "distributed.admin.tick.limit": "1h"}):
-        try:  # at any free port of this machine: two campaigns may run at a time
+        try:  # the dashboard is at any free port: two campaigns may run at the same time
             client = distributed.Client(
                 n_workers=workers, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0",
                 silence_logs=logging.CRITICAL, preload=[_UNINTERRUPTED])
@@ -104,12 +104,12 @@ def remote_client(address: str) -> Iterator[Any]:
     # A lost connection is reported as a CampaignError, without Dask's messages and tracebacks.
     with distributed.utils.silence_logging_cmgr(logging.CRITICAL + 1):
         try:
-            # First, since a client tries forever if another program answers.
+            # Check the address first: a client would retry forever if another program answers there.
             kind = asyncio.run(asyncio.wait_for(_kind(address), _CONNECT))
             if kind != "Scheduler":
                 raise ValueError(f"a {kind} answers")
             client = distributed.Client(address, timeout=_CONNECT)
-        # Another server may send any bytes, which Dask reads as sizes.
+        # Dask reads the bytes of another kind of server as sizes, which causes errors of any type.
         except (OSError, ValueError, MemoryError, TypeError, KeyError, asyncio.TimeoutError) as error:
             reason = f"within {_CONNECT:g} s" if isinstance(error, (TimeoutError, asyncio.TimeoutError)) else str(error)
             raise CampaignError(
@@ -130,7 +130,7 @@ async def _kind(address: str) -> str:
 
 
 def _ready(client: Any, address: str) -> None:
-    """Wait for workers. Raises CampaignError if none appears, or one has another version of the package or none."""
+    """Wait for workers. Raises CampaignError if none appears, or if one lacks the package or has another version."""
     try:
         client.wait_for_workers(1, timeout=_WORKERS)
     except TimeoutError as error:
@@ -154,8 +154,8 @@ def by_dask(client: Any, study: Study, missing: Indices, keep: Keep, chunk: int 
             work: Work = rows) -> None:
     """Run the samples `missing` (indices) on a client's workers; pass rows to `keep` in the order of completion.
 
-    Samples of a task whose workers died are run again, one at a time; a sample that kills its workers again is recorded
-    as failed. `work` computes the rows of a task. Raises CampaignError if the connection to the scheduler is lost or no
+    Samples of a task whose workers died are run again, one at a time; a sample whose workers die again is recorded as
+    failed. `work` computes the rows of a task. Raises CampaignError if the connection to the scheduler is lost or no
     worker on this machine restarts, and KeyboardInterrupt at Ctrl-C.
     """
     threads = max(sum(client.ncores().values()), 1)
@@ -170,7 +170,7 @@ def by_dask(client: Any, study: Study, missing: Indices, keep: Keep, chunk: int 
 
 @contextmanager
 def _connected() -> Iterator[None]:
-    """Raise CampaignError in place of the errors of a client whose scheduler or whose workers are gone."""
+    """Raise CampaignError in place of the errors of a client that has lost its scheduler or all workers."""
     distributed = _distributed()
     closed = getattr(distributed.client, "ClosedClientError", TimeoutError)  # not in older versions
     try:

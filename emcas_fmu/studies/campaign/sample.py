@@ -1,7 +1,7 @@
 """Compute the rows of samples: figures and observations, or the error.
 
-Samples are simulated together. Rows are stored as columns, each an array or list with an entry for every sample. A row
-does not depend on the other samples that are simulated with it.
+Samples are simulated together, but no row depends on the other samples. Rows are stored as columns, each an array or
+list with an entry for every sample.
 """
 
 from __future__ import annotations
@@ -36,9 +36,8 @@ from .study import Study, source_sha256
 OK, FAILED = "ok", "failed"
 Rows = dict[str, Any]
 """Columns by name, in the order of a row's entries."""
-# Simulated time [s] of the samples that are simulated together: their 4 MB stay in a processor's cache. Smallest number
-# of samples together, for vectors.
-TOGETHER, FEWEST = 30.0, 8
+TOGETHER = 30.0  # s, total simulated time of samples that are simulated together: their 4 MB fit in a processor's cache
+FEWEST = 8  # smallest number of samples that are simulated together, for vectors
 
 
 def columns(study: Study) -> dict[str, Figure]:
@@ -51,18 +50,18 @@ def columns(study: Study) -> dict[str, Figure]:
 
 
 def failed(study: Study, indices: Sequence[int], drawn: Array, errors: Sequence[str]) -> Rows:
-    """Return the rows of failed samples, which have their `errors` and no figures."""
+    """Return the rows of failed samples, with the error of each sample and without figures."""
     return _rows(study, indices, drawn, {}, dict(enumerate(errors)))
 
 
 def listed(rows: Rows) -> list[dict[str, Any]]:
-    """Return rows as a list with a mapping for each sample."""
+    """Return rows as a list with a mapping from column name to entry for each sample."""
     columns = [column.tolist() if isinstance(column, np.ndarray) else column for column in rows.values()]
     return [dict(zip(rows, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 def joined(parts: Sequence[Rows]) -> Rows:
-    """Return the rows of all parts together."""
+    """Return the rows of all parts as one table."""
     def column(name: str) -> Any:
         columns = [part[name] for part in parts]
         return np.concatenate(columns) if isinstance(columns[0], np.ndarray) else [x for part in columns for x in part]
@@ -71,7 +70,8 @@ def joined(parts: Sequence[Rows]) -> Rows:
 
 def _rows(study: Study, indices: Sequence[int], drawn: Array, entries: Mapping[str, Any], errors: Mapping[int, str]
           ) -> Rows:
-    """Return rows from the entries of samples, and the errors of failed samples by index in `indices`."""
+    """Return rows from the `entries` of samples by column, and the `errors` of failed samples by position in `indices`.
+    """
     count, failures = len(indices), [*errors]
     rows: Rows = {"index": np.asarray(indices), "seed": np.full(count, study.seed),
                   **{name: np.broadcast_to(values, count) for name, values in study.factor_values(drawn.T).items()}}
@@ -90,7 +90,7 @@ def together(study: Study, indices: Sequence[int], drawn: Array, subject: Subjec
     """Return the rows of samples: index, seed, factors, figures (nan if missing), observations, status and error."""
     try:
         return _rows(study, indices, drawn, *_entries(study, drawn, subject))
-    # An error in one sample must not end a campaign. Halving the samples finds that sample.
+    # An error in one sample must not end a campaign. Halving the samples again and again finds this sample.
     except Exception as error:  # noqa: BLE001
         half = len(indices) // 2
         if half:
@@ -147,15 +147,15 @@ def _entries(study: Study, drawn: Array, subject: Subject) -> tuple[dict[str, An
 
 @cache
 def _outputs(kind: str, model: str) -> tuple[str, ...]:
-    """Return the outputs to record in a kind of experiment."""
+    """Return the outputs to record in an experiment of a `kind`."""
     needed = (name for figure in experiments.figures(kind, model).values() for name in figure.needs)
     return tuple(dict.fromkeys((*needed, *(v.name for v in extension_outputs(model)))))
 
 
 def subject_of(study: Study) -> Subject:
-    """Return the subject of a campaign, which is opened once in each process.
+    """Return the subject of a campaign; each process opens it once.
 
-    Raises CampaignError if its FMU or Python file has changed since the campaign began.
+    Raises CampaignError if the subject's FMU or Python file has changed since the campaign began.
     """
     return _opened(study.fmu, study.fmu_sha256, study.fin, study.model, study.model_sha256)
 
@@ -179,8 +179,8 @@ def _check_same(path: str, digest: str, initial: str) -> None:
 def rows(study: Study, indices: Sequence[int], drawn: Array) -> Rows:
     """Return the rows of samples with the `drawn` values [indices, factors]: the work of a task.
 
-    Raises CampaignError if no sample can be run, for example because a requirement cannot be measured; EmcasError if
-    the FMU cannot be opened.
+    Raises CampaignError if no sample can be run, for example because a requirement cannot be measured, and EmcasError
+    if the FMU cannot be opened.
     """
     subject = subject_of(study)
     size = max(FEWEST, int(TOGETHER / max(LEAD_IN + experiment.duration for experiment in study.experiments)))
@@ -192,9 +192,9 @@ def rows(study: Study, indices: Sequence[int], drawn: Array) -> Rows:
 
 
 def history(study: Study, experiment: Experiment, index: int) -> Response:
-    """Return all outputs of a sample in an experiment over time; the sample is run again, since rows have figures only.
+    """Run a sample again in an experiment, and return all outputs over time, since rows have figures only.
 
-    The response of a sample that failed ends at the failure. Raises EmcasError if it has no response.
+    The response of a sample that failed ends at the failure. Raises EmcasError if there is no response.
     """
     subject, (values, numbers) = subject_of(study), study.varied(study.draw([index])[0].tolist())
     applied = excitation(experiment, values, numbers, study.model)

@@ -1,4 +1,4 @@
-"""The schema of a campaign file: factors, input profiles and experiments; the unit of every number is checked."""
+"""The schema of a campaign file: factors, input profiles and experiments. The unit of every number is checked."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ from .distributions import MOST_OUTSIDE, Factor, Value, distribution
 from .experiments import OPTIONAL, PROFILES, REQUIREMENT, SAME, Experiment, Profile
 
 LONGEST = 300.0  # s, longest experiment: half a gigabyte of rows
-# Limits of numbers that are not values of inputs: rows are 1 ms apart, and a spring's moment is computed once per row.
+# Limits of numbers with a unit other than the input's. Rows are 1 ms apart, and a spring's moment is computed once per
+# row: this limits frequency and stiffness.
 _OTHERS = {unit: In(unit, *limits)
            for unit, limits in {"Hz": (1e-3, 500.0), "s": (-LONGEST, LONGEST), "N.m/rad": (-1e6, 1e6)}.items()}
 
@@ -39,7 +40,7 @@ class _Follower(Table):
 
 
 class Entries(Table):
-    """The tables of a campaign file; a `Reader`, which is the context, reads them and collects factors and numbers."""
+    """The tables of a campaign file; the validation context is the `Reader`, which collects factors and numbers."""
 
     vary: Annotated[Any, PlainValidator(lambda written, info: info.context.read_factors(written))] = None
     inputs: Annotated[Any, PlainValidator(lambda written, info: info.context.profiles("inputs", written))] = None
@@ -80,7 +81,7 @@ class Reader:
         if leader not in leaders:
             raise ValueError(f"{leader} is not a real number that varies{hint(leader, leaders)}")
         if self._parameters[name].kind != "Real" or not self.base[leader]:
-            raise ValueError(f"there is no ratio to keep: both must be real numbers, and {leader} other than 0")
+            raise ValueError(f"there is no ratio to keep: {name} must be a real number, and {leader} must not be 0")
 
     def _keep(self, name: str, unit: In, written: Any) -> None:
         """Store a fixed number, or a factor if `written` is a table with its distribution."""
@@ -96,22 +97,22 @@ class Reader:
 
     def _profile(self, prefix: str, inputs: Mapping[str, Variable], name: str, entry: Any) -> Profile:
         if name not in inputs:
-            what = "the experiment determines the command" if name == COMMAND else f"there is no input {name!r}"
-            raise ValueError(f"{what}{_elsewhere(name, self.model) or hint(name, inputs)}; inputs are "
+            problem = "the experiment determines the command" if name == COMMAND else f"there is no input {name!r}"
+            raise ValueError(f"{problem}{_elsewhere(name, self.model) or hint(name, inputs)}; inputs are "
                              f"{', '.join(inputs)}")
         kinds: Iterable[str] = [k for k in PROFILES if k != "spring" or name == LOAD]
         kind = kind_of(entry, ("constant", "step", "window") if inputs[name].kind == "Boolean" else kinds)
         profile = Profile(name, kind, f"{prefix}.{name}")
         create_model("profile", __base__=Table, kind=(str, ...), **self._fields(
             profile.prefix, name, PROFILES[kind])).model_validate(entry)
-        if kind == "window":  # A sample whose end is before its begin fails; here every sample would fail.
+        if kind == "window":  # if only some samples end before they begin, only these fail
             (begin, _), (_, end) = (self._limits(f"{profile.prefix}.{side}") for side in ("begin", "end"))
             if end < begin:
                 raise ValueError(f"end = {end:g} s is before begin = {begin:g} s; write a later end")
         return profile
 
     def _fields(self, prefix: str, name: str, units: Mapping[str, str]) -> dict[str, Any]:
-        """Return the pydantic fields of a motion or profile of the input `name`; each field stores its number."""
+        """Return pydantic fields for a motion or profile of the input `name`; validating a field stores its number."""
         return {field: (Annotated[Any, PlainValidator(partial(
             self._keep, f"{prefix}.{field}", self._unit(name, field, unit)))], None if field in OPTIONAL else ...)
             for field, unit in units.items()}
@@ -123,11 +124,11 @@ class Reader:
         if name == COMMAND:
             limit = float(self.base["command.limit"]) * (1.0 + 1e-9)
             return In(variable.unit, -limit, limit)
-        written = In.of(variable, float(self.base[variable.key]) if variable.key else None)
-        return replace(written, minimum=-inf, maximum=inf) if field == "amplitude" else written
+        of_input = In.of(variable, float(self.base[variable.key]) if variable.key else None)
+        return replace(of_input, minimum=-inf, maximum=inf) if field == "amplitude" else of_input
 
     def _limits(self, name: str, outside: float = 0.0) -> tuple[float, float]:
-        """Return the smallest and the largest value of a number, fixed or drawn (without tails beyond `outside`)."""
+        """Return the smallest and the largest value of a number; tails end at the probability `outside`."""
         if name in self.numbers:
             return float(self.numbers[name]), float(self.numbers[name])
         return next(f for f in self.factors if f.name == name).distribution.limits(outside)
@@ -135,7 +136,7 @@ class Reader:
     def experiment(self, common: Mapping[str, Profile], name: str, entry: Any) -> Experiment:
         """Return an experiment; its profiles replace the `common` profiles of the same inputs."""
         if "." in name or name == REQUIREMENT:
-            raise ValueError(f"expected a name without dots other than {REQUIREMENT}")
+            raise ValueError(f"the name of an experiment must have no dot and must not be {REQUIREMENT}")
         kind, prefix = motions.motion_in(entry), f"experiments.{name}"
         units = {field: motions.FIELDS[field].unit for field in motions.KINDS[kind].shape}
         numbers = self._fields(prefix, COMMAND, {"amplitude": SAME, **units})
@@ -152,7 +153,8 @@ class Reader:
 
 
 def _tables(entries: Any, variables: Mapping[str, Variable]) -> Iterator[tuple[str, Any]]:
-    """Return pairs of dotted name and table; names may be quoted or nested tables. Raises ValueError."""
+    """Return pairs of dotted name and table; in the file a name may be quoted, or be nested tables. Raises ValueError.
+    """
     if not isinstance(entries, Mapping):
         raise ValueError("expected a table")
     return leaves(entries, lambda name, table: table and name not in variables and all(
@@ -160,7 +162,7 @@ def _tables(entries: Any, variables: Mapping[str, Variable]) -> Iterator[tuple[s
 
 
 def _elsewhere(name: str, model: str) -> str:
-    """Return a hint if another extension or actuator has a parameter or input of this name, otherwise an empty text."""
+    """Return a hint if another actuator or one more extension has this parameter or input; otherwise an empty text."""
     actuator, extensions = parts(model)
     for other in (*("+".join((actuator, *extensions, more)) for more in EXTENSIONS if more not in extensions), *NAMES):
         try:

@@ -1,6 +1,6 @@
 """Results on disk: a folder of Parquet files (parts), each written whole or not at all, and a record of the campaign.
 
-One process at a time writes to a folder. The operating system holds the lock and releases it when the process ends.
+Only one process at a time writes to a folder. The operating system releases the folder's lock when that process ends.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from .study import Study
 SCHEMA = "emcas-campaign/1"
 MANIFEST, PARTS, LOCK, OWNER = "campaign.json", "samples", ".lock", ".owner"
 _TYPES = {"Real": pa.float64(), "Integer": pa.int64(), "Boolean": pa.bool_(), "Enumeration": pa.string()}
-_WORDS = {"title", "source", "reason"}  # fields of a requirement that do not affect rows
+_WITHOUT_EFFECT = {"title", "source", "reason"}  # fields of a requirement that do not affect rows
 _MOST_NAMED = 6  # most changes that a message names
 
 
@@ -52,7 +52,7 @@ def _judged(specification: Specification) -> dict[str, Any]:
     """Return the requirements and cases by which samples are judged, for JSON."""
     if not specification.requirements:
         return {}
-    requirements = {r.name: {**r.model_dump(exclude={"test", *_WORDS}), "test": r.test and asdict(r.test)}
+    requirements = {r.name: {**r.model_dump(exclude={"test", *_WITHOUT_EFFECT}), "test": r.test and asdict(r.test)}
                     for r in specification.requirements}
     cases = {case.name: [dict(case.values), dict(case.shares)] for case in specification.cases}
     document: dict[str, Any] = json.loads(json.dumps({"requirements": requirements, "cases": cases}))
@@ -62,8 +62,8 @@ def _judged(specification: Specification) -> dict[str, Any]:
 class Store(AbstractContextManager["Store"]):
     """The results of a campaign in a folder, which is created if it does not exist, and locked until `close`.
 
-    Raises CampaignError if the folder is not that of this campaign (the message names the differences), if it cannot be
-    read, or if another process writes to it.
+    Raises CampaignError if the folder contains something else or another campaign (the message names the differences),
+    or if another process writes to it.
     """
 
     def __init__(self, folder: Path, study: Study) -> None:
@@ -97,21 +97,20 @@ class Store(AbstractContextManager["Store"]):
         self.close()
 
     def missing(self) -> NDArray[np.int64]:
-        """Return the indices of the samples without a row, ascending."""
+        """Return the indices of the samples without a row, in ascending order."""
         missing = np.ones(self._study.samples, dtype=bool)
         for table in self._tables(["index"]):
             missing[table["index"].to_numpy()] = False
         return np.flatnonzero(missing)
 
     def write(self, rows: Rows) -> Path:
-        """Write rows as a new part with one row group, and return its path; they are on disk when this returns."""
-        # The name is new: a part with this name would contain the first of these rows.
-        name = f"part-{min(rows['index']):09d}.parquet"
+        """Write rows as a new part with one row group, and return its path; the part is then on disk."""
         sink = pa.BufferOutputStream()
         # Figures rarely repeat and are not searched by range: dictionaries and statistics would only waste space.
         pq.write_table(pa.Table.from_pydict(rows, self._schema), sink, compression="zstd",
                        use_dictionary=["status", "error"], write_statistics=["index"])
-        part = self._parts / name
+        # No part has this name: it would already contain the first of these rows.
+        part = self._parts / f"part-{min(rows['index']):09d}.parquet"
         write(part, sink.getvalue().to_pybytes())
         return part
 
@@ -132,7 +131,7 @@ class Store(AbstractContextManager["Store"]):
 
 
 def _locked(folder: Path) -> FileLock:
-    """Lock a folder and return the lock. Raises CampaignError with the process that has locked it, if any."""
+    """Lock a folder and return the lock. Raises CampaignError, naming the process, if another process has locked it."""
     lock, owner = FileLock(folder / LOCK), folder / OWNER
     try:
         lock.acquire(blocking=False)
@@ -142,7 +141,7 @@ def _locked(folder: Path) -> FileLock:
             holder = owner.read_text(encoding="utf-8")
         raise CampaignError(f"another process ({holder or 'pid unknown'}) writes to {folder}; wait until it ends, or "
                             "name another folder with --output") from error
-    # In a separate file: some systems do not let others read a locked file.
+    # The process is named in a separate file: on some systems other processes cannot read a locked file.
     try:
         write(owner, f"pid {os.getpid()} on {platform.node()}")
     except BaseException:
@@ -170,25 +169,23 @@ def _schema(study: Study) -> pa.Schema:
 
 
 def _check_same(manifest: Path, campaign: Mapping[str, Any]) -> None:
-    """Raise CampaignError with the differences if the manifest's campaign is another one."""
+    """Raise CampaignError with the differences if the manifest describes another campaign."""
+    def entries(document: Mapping[str, Any]) -> dict[str, Any]:
+        return dict(leaves(document, lambda _, table: bool(table)))
+
+    def shown(values: Mapping[str, Any], name: str) -> str:
+        return repr(values[name]) if name in values else "nothing"
+
     try:
         document = json.loads(manifest.read_text(encoding="utf-8"))
         document.pop("text")
-        stored = dict(leaves(document, _is_filled))
+        stored = entries(document)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise CampaignError(f"{manifest}: is not the record of a campaign; name another folder") from error
-    now = dict(leaves(campaign, _is_filled))
-    changed = [f"{name.removeprefix('campaign.')}: {_shown(stored, name)} then, {_shown(now, name)} now"
+    now = entries(campaign)
+    changed = [f"{name.removeprefix('campaign.')}: {shown(stored, name)} then, {shown(now, name)} now"
                for name in sorted({*stored, *now}) if stored.get(name) != now.get(name)]
     if changed:
         more = f"; and {len(changed) - _MOST_NAMED} more" if len(changed) > _MOST_NAMED else ""
         raise CampaignError(f"{manifest.parent}: contains another campaign; {'; '.join(changed[:_MOST_NAMED])}{more}. "
                             "Undo these changes, or name another folder with --output")
-
-
-def _is_filled(name: str, table: Mapping[str, Any]) -> bool:
-    return bool(table)
-
-
-def _shown(values: Mapping[str, Any], name: str) -> str:
-    return repr(values[name]) if name in values else "nothing"

@@ -52,7 +52,7 @@ class _Campaign(Table):
 def _names(written: object) -> tuple[str, ...]:
     names = tuple(written) if isinstance(written, list) else (written,)
     if not all(isinstance(name, str) for name in names):
-        raise ValueError("must be the name of a file, or a list of them")
+        raise ValueError("must be the name of a file, or a list of such names")
     return tuple(map(str, names))
 
 
@@ -75,14 +75,15 @@ class _File(Table):
 class Study:
     """A campaign, read from the file `path`; workers receive a copy.
 
-    `text` is the content of the file and `document` its TOML. `guid` belongs to the FMU, or to the FMU that would be
+    `text` is the content of the file and `document` its TOML. `guid` is that of the FMU, or of the FMU that would be
     built from the parameters. `base` are the parameters (flat, SI) of the actuator `model` (full name). `numbers` are
-    the fixed values of motions and profiles by name. `followers` are parameters, by name, that keep their ratio to a
-    factor. `fmu` is the path of an FMU, or empty for the kernel; `fin` is the number of its fin, from 1. `model_sha256`
-    is the SHA-256 of the user's file that declares the model, or empty. Every sample is judged by the `specification`,
-    the requirements that can be measured for the model. Their tests have their own inputs: only factors that are
-    parameters affect them. `left_out` are the requirements that cannot be measured, with the reasons. `warnings` are
-    those of the parameters with all factors at their medians, and with one factor at an end, one for each rule.
+    the fixed values of motions and profiles by name. `followers` are the factors, by the names of the parameters that
+    keep their ratio to them. `fmu` is the path of an FMU, or empty for the kernel; `fin` is the number of its fin, from
+    1. `model_sha256` is the SHA-256 of the user's file that declares the model, or empty. Every sample is judged by the
+    `specification`, the requirements that can be measured for the model. Only factors that are parameters affect them,
+    since they are measured in tests with other inputs. `left_out` are the requirements that cannot be measured, with
+    the reasons. `warnings` are those about the parameters: with all factors at their medians, and with one factor at an
+    end of its distribution, one for each rule.
     """
 
     path: Path
@@ -148,9 +149,9 @@ class Study:
                          for name, leader in self.followers.items()}
 
     def varied(self, drawn: Iterable[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return parameters, and numbers of motions and profiles (all flat, SI), for the values `drawn` of the factors.
+        """Return the parameters, and the numbers of motions and profiles, for the values `drawn` of the factors.
 
-        If `drawn` has arrays [samples], the factors and their followers are arrays [samples], too.
+        Both are flat and in SI. If `drawn` has arrays [samples], the factors and their followers are also arrays.
         """
         values, numbers = dict[str, Any](self.base), dict[str, Any](self.numbers)
         for name, value in self.factor_values(drawn).items():
@@ -166,7 +167,7 @@ def hypercube(factors: int, seed: int, samples: int) -> Array:
 
 
 def _sobol(factors: int, seed: int, indices: Sequence[int]) -> Array:
-    """Return points [indices, factors] of a Sobol sequence; the engine generates them once each, in ascending order."""
+    """Return points [indices, factors] of a Sobol sequence; the engine generates each once, in ascending order."""
     engine = qmc.Sobol(factors, scramble=True, rng=np.random.default_rng([seed]))
     ordered, positions = np.unique(np.asarray(indices), return_inverse=True)
     points = np.empty((len(ordered), factors))
@@ -182,9 +183,9 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
                requirements: Path | str | None = None) -> Study:
     """Return the campaign in a TOML file (see models/campaign.toml).
 
-    `fmu`, its `fin` (from 1) and `model`, a name for :func:`emcas_fmu.actuators.get`, replace those in the file. Every
-    sample is judged by `requirements`, a file or SHIPPED. Raises CampaignError; EmcasError if the FMU or the
-    requirements cannot be used, ParameterError for the problems of parameter files.
+    `fmu`, its `fin` (from 1) and `model`, a name for :func:`emcas_fmu.actuators.get`, override the file's entries.
+    Every sample is judged by `requirements`, a file or SHIPPED. Raises CampaignError; EmcasError if the FMU or the
+    requirements cannot be used; ParameterError for problems in parameter files.
     """
     text, document = schema.document(path, CampaignError)
     file = schema.read(_File, document, path, CampaignError)
@@ -201,15 +202,14 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
         specification = load_requirements(None if str(requirements) == SHIPPED else Path(requirements), base)
     measurable = tuple(r for r in specification.requirements if not r.obstacle(subject))
     if specification.requirements and not measurable:
-        raise CampaignError(f"{requirements}: no requirement can be measured for {base.model}; leave --requirements "
-                            "out")
+        raise CampaignError(f"{requirements}: no requirement can be measured for {base.model}; omit --requirements")
     study = Study(
         path, text, document, file.campaign.method, _samples(path, file.campaign, reader.factors), file.campaign.seed,
         guid, dict(base.values), reader.numbers, tuple(reader.factors), reader.followers,
         tuple(entries.experiments.values()), fmu=fmu_path, fmu_sha256=digest, fin=fin_number, model=base.model,
         model_sha256=source_sha256(base.model), specification=replace(specification, requirements=measurable),
         left_out=tuple(judged(r, (), subject) for r in specification.requirements if r not in measurable))
-    # If the parameters contradict each other at the medians, most samples would fail.
+    # With parameters that contradict each other at the medians, most samples would fail.
     medians = [float(f.distribution.at(0.5)) for f in study.factors]
     if problems := check_parameters(study.varied(medians)[0], study.model):
         raise CampaignError(f"{path}: with all factors at their medians: {'; '.join(problems)}")
@@ -223,7 +223,7 @@ def source_sha256(model: str) -> str:
 
 
 def _warnings(base: ParameterSet, study: Study, medians: list[float]) -> Iterator[str]:
-    """Yield warnings, the first of each rule: with all factors at their medians, or one factor at an end."""
+    """Yield one warning for each rule: with all factors at their medians, otherwise with one factor at an end."""
     from_rules = check_combinations(base.values, base.actuator, warnings=True)
     yield from (warning for warning in base.warnings if warning not in from_rules)
     points = [medians, *([*medians[:k], end, *medians[k + 1:]] for k, factor in enumerate(study.factors)
@@ -237,20 +237,20 @@ def _warnings(base: ParameterSet, study: Study, medians: list[float]) -> Iterato
 
 def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
           model: str | None) -> tuple[ParameterSet, str, str, str, int]:
-    """Return the base set, the GUID, and path (empty without an FMU), SHA-256 and fin of the FMU."""
+    """Return the base set, the GUID, and the FMU's path, SHA-256 (both empty without an FMU) and fin."""
     chosen = fin if fin is not None else entry.fin or 1
     kind = _model(path, entry, model)
-    # Paths are relative to the campaign's file, so that it can be run from any folder.
+    # Paths are relative to the campaign's file: it can be run from any folder.
     files = [parameter_file(name, path.parent) for name in entry.parameters]
     fmu_path = fmu if fmu is not None else path.parent / entry.fmu if entry.fmu else None
     if fmu_path is None:
         if fin is not None or entry.fin is not None:
-            raise CampaignError(f"{path}: fin {chosen} is one of an FMU; name the FMU with --fmu or base.fmu")
+            raise CampaignError(f"{path}: fin {chosen} must be a fin of an FMU; name the FMU with --fmu or base.fmu")
         base = load_parameters(files, model=kind or NONLINEAR)
         interface = FmuInterface(1, base.model)
         return base, interface_guid(start_values(interface, [base.values]), interface), "", "", 1
     if fmu_path.suffix.lower() != ".fmu":
-        raise CampaignError(f"{fmu_path}: is not an FMU by its name; give a file that ends in .fmu")
+        raise CampaignError(f"{fmu_path}: is not an FMU by its name; name a file that ends in .fmu")
     with open_subject(fmu_path, kind, chosen) as subject:
         identification, base = subject.identification, load_parameters(files, model=subject.model)
         base = base if files else base.with_values(dict(subject.values))
@@ -258,7 +258,7 @@ def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
 
 
 def _model(path: Path, entry: _Base, chosen: str | None) -> str | None:
-    """Return the full name of the chosen model, otherwise that of the one in the file, otherwise None."""
+    """Return the full name of the chosen model or, if it is None, of the model in the file; None without both."""
     model = chosen or entry.model
     if model is None:
         return None
@@ -283,6 +283,5 @@ def _samples(path: Path, campaign: _Campaign, factors: Sequence[Factor]) -> int:
     if points > MOST_SAMPLES:
         raise CampaignError(f"{path}: the grid has {points} points, above {MOST_SAMPLES}; reduce the levels")
     if campaign.samples not in (None, points):
-        raise CampaignError(f"{path}: campaign.samples = {campaign.samples}: the grid has {points} points; leave "
-                            "samples out")
+        raise CampaignError(f"{path}: campaign.samples = {campaign.samples}: the grid has {points} points; omit it")
     return points

@@ -25,8 +25,8 @@ from .study import Study
 
 WORST = 3  # samples listed for each figure
 _FEWEST = 10  # smallest number of samples for sensitivities
-# Largest differences that count as rounding errors: relative to the largest value, and absolute for figures in SI, such
-# as errors that have decayed.
+# Largest differences that count as rounding errors: relative to the largest value, and absolute [SI] for figures that
+# are almost zero, such as errors that have decayed.
 _RELATIVE, _ABSOLUTE = 1e-9, 1e-12
 _NUMBER = re.compile(r"(?<!\S)[(),;:]*[+-]?(?:\d+\.?\d*(?:e[+-]?\d+)?|inf|nan)[(),;:]*(?!\S)")
 
@@ -35,8 +35,8 @@ _NUMBER = re.compile(r"(?<!\S)[(),;:]*[+-]?(?:\d+\.?\d*(?:e[+-]?\d+)?|inf|nan)[(
 class Effect:
     """Sensitivity of a figure to a factor.
 
-    It consists of Spearman's rank correlation with its 95 % interval (`low` to `high`), and of the standardised
-    coefficient of a linear regression on all factors with its standard error.
+    It has Spearman's rank correlation with its 95 % interval (`low` to `high`), and the standardised coefficient in a
+    linear regression on all factors with its standard error.
     """
 
     factor: str
@@ -56,10 +56,10 @@ class Effect:
 class Spread:
     """The distribution of a figure [SI] over the samples that did not fail; `name` is the column's name.
 
-    `values` are the finite values, with their `mean` and `sd`; `without` is the number of other samples. `percentiles`,
-    `smallest` and `largest` include those: a sample without the figure counts as worse than the rest, as an infinite
-    value. `explained` is the share of the variance that the regression explains. `worst` has pairs of index and figure,
-    the worst first.
+    `values` are the finite values, with their `mean` and `sd`; `without` is the number of samples without a finite
+    value. `percentiles`, `smallest` and `largest` include these samples: a figure that does not exist counts as an
+    infinite value, worse than all others. `explained` is the share of the variance that the regression explains.
+    `worst` has pairs of sample index and figure, the worst first.
     """
 
     name: str
@@ -89,7 +89,7 @@ class Summary:
     done: int
     spreads: tuple[Spread, ...]
     failures: tuple[tuple[str, int, int], ...]
-    """For each reason: message, number of samples, and index of the first."""
+    """For each reason: message, number of samples, and index of the first sample."""
     tallies: Mapping[str, Mapping[str, int]]
     findings: tuple[Finding, ...]
     chances: tuple[Chance, ...]
@@ -111,7 +111,7 @@ class Summary:
 
 
 def summarise(study: Study, table: pa.Table) -> Summary:
-    """Return the summary of the rows of a campaign, or of those that exist so far."""
+    """Return the summary of the rows of a campaign, of which some may still be missing."""
     good = table.filter(pa.compute.equal(table["status"], OK))
     factors = {f.name: np.asarray(good[f.name].to_numpy(), dtype=float) for f in study.factors}
     parameters = {name: x for name, x in factors.items() if name in study.base}
@@ -128,7 +128,7 @@ def summarise(study: Study, table: pa.Table) -> Summary:
 
 
 def _failures(table: pa.Table) -> tuple[tuple[str, int, int], ...]:
-    """Return the reasons of failures by frequency; in messages … replaces numbers, which differ between samples."""
+    """Return the reasons for failures by frequency; … replaces numbers in messages, which differ between samples."""
     bad = table.filter(pa.compute.not_equal(table["status"], OK))
     samples: dict[str, list[int]] = {}
     for index, error in zip(bad["index"].to_pylist(), bad["error"].to_pylist(), strict=True):
@@ -139,12 +139,12 @@ def _failures(table: pa.Table) -> tuple[tuple[str, int, int], ...]:
 
 
 def _spread(name: str, figure: Figure, values: Array, index: Array, factors: Mapping[str, Array]) -> Spread:
-    # A missing figure is worse than any other, as a level that is never reached.
+    # A missing figure, such as the time to a level that is never reached, is worse than any other.
     ordered = np.where(np.isnan(values), figure.bad * inf, values)
     shares = percentiles(ordered, PERCENTILES)
     finite = values[np.isfinite(values)]
     worst = np.lexsort((index, -figure.bad * ordered))[:WORST]
-    # Factors of other experiments have no effect in this one, but would sometimes seem to have one by chance.
+    # Factors of other experiments do not affect this one, but would sometimes seem to do so by chance.
     acting = {factor: x for factor, x in factors.items()
               if not factor.startswith("experiments.") or factor.startswith(f"experiments.{name.partition('.')[0]}.")}
     explained, effects = sensitivities(ordered, acting)
@@ -156,7 +156,7 @@ def _spread(name: str, figure: Figure, values: Array, index: Array, factors: Map
 
 
 def varies(values: Array, rounding: float = 0.0) -> bool:
-    """Return whether values differ by more than relative rounding errors and by more than `rounding`."""
+    """Return whether values differ by more than relative rounding errors and by more than `rounding` (absolute)."""
     finite = values[np.isfinite(values)]
     if not len(finite) or len(finite) < len(values):
         return len(np.unique(values)) > 1
@@ -164,11 +164,11 @@ def varies(values: Array, rounding: float = 0.0) -> bool:
 
 
 def sensitivities(figure: Array, factors: Mapping[str, Array]) -> tuple[float, tuple[Effect, ...]]:
-    """Return the share of the variance that a regression explains, and the effects of the factors [n] on a figure [n].
+    """Return the share of the variance that a regression explains, and the effects of factors on a figure.
 
-    Ranks use all samples, including infinite figures; the regression uses the finite figures. A factor or figure that
-    varies only by rounding errors has no effect. The interval of a rank correlation is Fisher's, with the variance of
-    Bonett and Wright (2000), (1 + r^2/2)/(n - 3).
+    `figure` and each factor are arrays [samples]. Ranks use all samples, including infinite figures; the regression
+    uses the finite figures. A factor or figure that varies only by rounding errors has no effect. The interval of a
+    rank correlation is Fisher's, with the variance (1 + r^2/2)/(n - 3) of Bonett and Wright (2000).
     """
     varying = {name: x for name, x in factors.items() if varies(x)}
     if len(figure) < max(_FEWEST, len(varying) + 3) or not varying or not varies(figure, _ABSOLUTE):
@@ -188,14 +188,13 @@ def _interval(rank: float, n: int) -> tuple[float, float]:
 
 
 def _regression(figure: Array, factors: Mapping[str, Array]) -> tuple[list[float], list[float], float]:
-    """Return standardised coefficients, their standard errors and the explained share of the variance (least squares).
+    """Return standardised coefficients by least squares, their standard errors and the explained share of the variance.
     """
     finite = np.isfinite(figure)
     x, y = np.column_stack([column[finite] for column in factors.values()]), figure[finite]
     n, count = x.shape
-    undefined = [nan] * count
     if n < count + 3 or not varies(y, _ABSOLUTE) or not all(map(varies, x.T)):
-        return undefined, undefined, nan
+        return [nan] * count, [nan] * count, nan
     x, y = (x - x.mean(axis=0)) / x.std(axis=0), (y - y.mean()) / y.std()
     coefficients, *_ = np.linalg.lstsq(x, y)
     residual = float(np.sum((y - x @ coefficients) ** 2))
@@ -204,7 +203,7 @@ def _regression(figure: Array, factors: Mapping[str, Array]) -> tuple[list[float
 
 
 def text(figure: Figure, value: float) -> str:
-    """Return a figure [SI] as text in the unit shown, without the unit; in words if it is not finite."""
+    """Return a figure [SI] as text in the unit that is shown, without the unit; in words if it is not finite."""
     if isfinite(value):
         return rounded(value * shown(figure.unit)[1], ".4g")
     if value * figure.bad > 0.0:
@@ -212,7 +211,7 @@ def text(figure: Figure, value: float) -> str:
     return "–" if value != value else "beyond the sweep" if value > 0.0 else "no response"
 
 
-def _judged(summary: Summary) -> dict[str, Any]:
+def _requirements(summary: Summary) -> dict[str, Any]:
     """Return the requirements with the numbers of samples that meet them, for JSON; empty without requirements."""
     if not summary.chances:
         return {}
@@ -228,7 +227,7 @@ def _judged(summary: Summary) -> dict[str, Any]:
 
 
 def as_dict(summary: Summary, command: str) -> dict[str, Any]:
-    """Return the summary for JSON, in SI."""
+    """Return the summary for JSON, in SI; `command` runs the campaign."""
     study = summary.study
     of_model = {} if study.model == NONLINEAR else {
         "model": study.actuator.name, "left_out": lacking(study.model),
@@ -243,7 +242,7 @@ def as_dict(summary: Summary, command: str) -> dict[str, Any]:
                      **({"levels": f.distribution.levels} if f.distribution.levels else {})} for f in study.factors],
         "follow": dict(study.followers),
         "failures": [{"error": e, "samples": n, "first": first} for e, n, first in summary.failures],
-        **_judged(summary),
+        **_requirements(summary),
         "figures": [{
             "name": s.name, "unit": s.figure.unit, "title": s.figure.title, "samples": len(s.values) + s.without,
             "without": s.without, "mean": s.mean, "sd": s.sd, "smallest": s.smallest, "largest": s.largest,
