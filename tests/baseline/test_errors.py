@@ -16,7 +16,7 @@ from .conftest import check, edit, emcas, record
     ('schema = "emcas-baseline/1"', 'schema = "emcas-baseline/0"', "schema: is 'emcas-baseline/0'"),
     ('kind = "step"', 'kind = "stop"', "case.only.kind = stop: did you mean step?"),
     ('command = "5 deg"', 'command = "5 V"', "case.only.command = 5 V: the unit V does not measure this"),
-    ('command = "5 deg"', 'command = "0 deg"', "case.only.command = 0 deg: must not be 0: nothing would move"),
+    ('command = "5 deg"', 'command = "0 deg"', "case.only.command = 0 deg: must not be 0: the fin would not move"),
     ('command = "5 deg"', 'comand = "5 deg"', "did you mean command?"),
     ('duration = "0.3 s"', 'duration = "2 h"', "case.only.duration = 2 h: must be within 0.1 .. 60 s"),
     ('fin_angle = "0.05 deg"', 'fin_angel = "0.05 deg"', "did you mean fin_angle?"),
@@ -43,10 +43,10 @@ def test_a_damaged_file(short: Path, old: str, new: str, said: str) -> None:
 
 @pytest.mark.parametrize(("old", "new", "said"), [
     ("time [s],fin_angle [deg]", "time [s],fin_angle [rad]", "its columns are"),
-    ("\n0.02,", "\n0.03,", "its times do not begin at 0, 0.01 s apart"),
-    ("\n0.02,0\n", "\n0.02,nan\n", "line 4 has nan"), ("\n0.02,0\n", "\n0.02,zero\n", "line 4: 'zero' is not a"),
+    ("\n0.02,", "\n0.03,", "its times must begin at 0 and be 0.01 s apart"),
+    ("\n0.02,0\n", "\n0.02,nan\n", "line 4 contains nan"), ("\n0.02,0\n", "\n0.02,zero\n", "line 4: 'zero' is not a"),
     ("\n0.02,", "\n0.02,,", "line 4 has 3 values"),
-    ("\n0.02,0\n", "\n", "its times do not begin at 0"),
+    ("\n0.02,0\n", "\n", "its times must begin at 0"),
 ])
 def test_a_damaged_trajectory(short: Path, old: str, new: str, said: str) -> None:
     edit(short / "baseline/only.csv", old, new)
@@ -97,7 +97,7 @@ def test_one_fin_of_several(short: Path) -> None:
     assert "--fin 2" in printed
     record(short, "--fin", "2", article=fmu)
     check(short, "--fin", "2", article=fmu)
-    assert "is of fin 2, but fin 1 was compared" in check(short, article=fmu, code=1)
+    assert "was recorded with fin 2, but fin 1 was compared" in check(short, article=fmu, code=1)
     assert "there is no fin 3" in check(short, "--fin", "3", article=fmu, code=2)
 
 

@@ -1,1 +1,1 @@
-"""A baseline, an approved response: recorded once, reviewed as text, compared at every change."""
+"""Baselines: approved responses that are recorded once, reviewed as text, and compared after every change."""

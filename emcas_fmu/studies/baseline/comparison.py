@@ -1,4 +1,4 @@
-"""The response of a subject to the cases of a baseline: recorded, or compared with the approved response."""
+"""Record the response of a subject to the cases of a baseline, or compare it with the approved response."""
 
 from __future__ import annotations
 
@@ -24,42 +24,45 @@ TEMPLATE = Path(__file__).parent / "default.toml"
 
 
 def first(subject: Subject) -> tuple[Baseline, list[str]]:
-    """Return the template for a subject, with commands within its range, and the omitted parts with their reasons."""
+    """Return the plan of a subject's first baseline, and the parts of the template that it omits with their reasons.
+
+    The plan is the template with commands limited to the subject's range.
+    """
     template = read_plan(TEMPLATE)
     written = deepcopy(dict(template.written))
     most = round(degrees(subject.command_limit), 9)
-    without = []
+    omitted = []
     for why, names in left_out({name: FIGURES[name] for name in ALL}, subject.outputs).items():
-        without.append(f"{', '.join(names)}: {why}")
+        omitted.append(f"{', '.join(names)}: {why}")
         for name in names:
             written["limits"]["figures"].pop(name, None)
     for name, case in template.case.items():
         if why := subject.obstacle(case.excitation(Path(), subject)):
-            without.append(f"case {name}: {why}")
+            omitted.append(f"case {name}: {why}")
             del written["case"][name]
         elif abs(command := getattr(case, "command", 0.0)) > most:
             written["case"][name]["command"] = f"{copysign(most, command):.12g} deg"
-    return parsed(written, TEMPLATE, subject.model), without
+    return parsed(written, TEMPLATE, subject.model), omitted
 
 
 def record(plan: Baseline, subject: Subject, folder: Path, command: str, progress: Progress = silent) -> Baseline:
-    """Return the subject's response to the plan's cases as a baseline; `command` is the command that records it.
+    """Return the subject's response to the plan's cases as a baseline; `command` is the command line that records it.
 
-    CSV inputs are in `folder`. Raises EmcasError if a run does not reach its end.
+    CSV inputs are in `folder`. Raises EmcasError, also if a run does not reach its end.
     """
-    made, _, stopped = respond(plan, subject, folder, progress)
+    response, _, stopped = respond(plan, subject, folder, progress)
     for name, why in stopped.items():
         raise EmcasError(f"{subject.identification.file}: case {name} {why}; a baseline needs every case to run to its "
                          "end")
-    return made.model_copy(update={"recorded": {**made.recorded, "command": command}})
+    return response.model_copy(update={"recorded": {**response.recorded, "command": command}})
 
 
 def respond(plan: Baseline, subject: Subject, folder: Path, progress: Progress
             ) -> tuple[Baseline, Mapping[str, str], Mapping[str, str]]:
-    """Return the subject's response to the plan's cases as a baseline, with numbers rounded as in a file.
+    """Return the subject's response to the plan's cases as a baseline, and by case the titles and the early ends.
 
-    Also returned, by case: the titles, and why a run ended early; these cases are not in the baseline. CSV inputs are
-    in `folder`. The response does not depend on machine and date. Raises EmcasError.
+    Numbers are rounded as in a file. A case that ended early is not in the baseline; its reason is returned. CSV inputs
+    are in `folder`. The response does not depend on machine and date. Raises EmcasError.
     """
     titles, stopped, cases, traces = {}, {}, {}, {}
     units, about = output_units(plan.model), subject.identification
@@ -88,8 +91,8 @@ def respond(plan: Baseline, subject: Subject, folder: Path, progress: Progress
 class Row:
     """One comparison: the `approved` value and the value `now` [unit]; nan if a level is never reached.
 
-    `limit` is the largest change, None if the change is not judged. The values of a trajectory are those `at` the time
-    [s] of the largest difference.
+    `limit` is the largest permitted change; None if the change is not judged. A trajectory has the values `at` the time
+    [s] of the largest difference; a figure has `at` None.
     """
 
     case: str
@@ -109,7 +112,7 @@ class Row:
 
     @property
     def share(self) -> float:
-        """The change as a share of the limit [1]; 0 if the change is not judged."""
+        """The size of the change as a share of the limit; 0 if the change is not judged."""
         change = abs(self.change)
         if self.limit is None or not change:
             return 0.0
@@ -117,16 +120,17 @@ class Row:
 
     @property
     def passed(self) -> bool:
-        """Whether the change is within its limit, with 1e-9 of it for rounding."""
+        """Whether the change is within its limit, with a margin of 1e-9 of the limit for rounding errors."""
         return self.share <= 1.0 + 1e-9
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """The response of a subject `now` compared with a baseline, in `rows` in the order of the baseline's cases.
+    """The response of a subject `now`, compared with a baseline in `rows`, in the order of the baseline's cases.
 
-    `titles` are those of the cases, `stopped` the reasons why runs ended early, both by case. `parameters` and `marks`
-    are those that differ between both subjects: the `name`, the `approved` value and the value `now`.
+    By case, `titles` has the titles and `stopped` the reasons why runs ended early. `parameters` and `marks`
+    (identification) have the entries that differ between the recorded and the present subject, each with `name`, the
+    `approved` value and the value `now`.
     """
 
     baseline: Baseline
@@ -151,7 +155,7 @@ class Comparison:
 
     @property
     def passed(self) -> bool:
-        """Whether something was judged, every run was finished and nothing drifted."""
+        """Whether at least one comparison was judged, every run reached its end and nothing drifted."""
         return bool(self.judged) and not self.stopped and not self.drifted
 
     @property
@@ -179,7 +183,7 @@ def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progre
             rows.append(Row(name, key, unit_of(key), value, case.figures[key],
                             limits[key].of(value) if key in limits else None))
         if more := [key for key in case.figures if key not in approved]:
-            notes.append(f"case {name}: {', '.join(more)} not in the baseline, not compared; record the baseline again")
+            notes.append(f"case {name}: the baseline has no {', '.join(more)}; record it again to compare them")
         for key, new in present.traces[name].items():
             old = baseline.traces[name][key]
             if len(old) != len(new):
@@ -190,7 +194,8 @@ def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progre
                             round(k * baseline.limits.sample_time, 9)))
     was, now = baseline.recorded, present.recorded
     if "fin" in was and "fin" in now and was["fin"] != now["fin"]:
-        notes.append(f"the baseline is of fin {was['fin']}, but fin {now['fin']} was compared; see --fin")
+        notes.append(f"the baseline was recorded with fin {was['fin']}, but fin {now['fin']} was compared; choose the "
+                     "fin with --fin")
     marks = ({"name": key, "approved": was.get(key, "-"), "now": now.get(key, "-")}
              for key in dict.fromkeys((*now, *was)) if key != "command" and was.get(key) != now.get(key))
     parameters = ({"name": v.name, "approved": _quantity(baseline.parameters.get(v.name), v.unit),

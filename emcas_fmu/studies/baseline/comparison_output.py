@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 SCHEMA = "emcas-baseline-check/1"
 """Name and version of the JSON layout; the number changes when a field is removed or changes its meaning."""
-HEADER = ("case", "figure", ">approved", ">now", ">change", ">limit", "verdict")  # > marks columns of numbers
+HEADER = ("case", "figure", ">approved", ">now", ">change", ">limit", "verdict")  # > aligns a column to the right
 _STYLES = {"ok": "green", "not judged": "dim", "DRIFT": "bold red"}
 
 
@@ -47,7 +47,7 @@ def cells(row: Row) -> tuple[str, ...]:
 
 
 def selected(comparison: Comparison, everything: bool = False) -> Iterator[Row]:
-    """Yield the rows that drifted, and for a case without drift the row nearest to its limit; or `everything`."""
+    """Yield the rows that drifted and, for a case without drift, the row nearest to its limit; or `everything`."""
     for _, group in groupby(comparison.rows, lambda row: row.case):
         rows = list(group)
         drifted, judged = [row for row in rows if not row.passed], [row for row in rows if row.limit is not None]
@@ -69,10 +69,10 @@ def tables(comparison: Comparison, everything: bool) -> Iterator[tuple[Sequence[
 
 
 def summary(comparison: Comparison, everything: bool = False) -> Iterator[RenderableType]:
-    """Yield the tables for the terminal, the reasons why cases stopped, notes and the verdict."""
+    """Yield for the terminal both subjects, the tables, the reasons why cases stopped, the notes and the verdict."""
     about, was = comparison.about, comparison.baseline.recorded
-    which = f", fin {about.fin}" if about.fin else ""
-    yield escape(f"{about.kind} {about.file}{which}  {about.guid}".rstrip())
+    fin = f", fin {about.fin}" if about.fin else ""
+    yield escape(f"{about.kind} {about.file}{fin}  {about.guid}".rstrip())
     yield escape(f"approved: {' '.join(was[key] for key in ('article', 'file', 'guid') if key in was)}")
     for header, rows in tables(comparison, everything):
         yield table(header, ([Text(cell, _STYLES[cell]) if cell in _STYLES else cell for cell in row] for row in rows),
@@ -88,15 +88,14 @@ def as_dict(comparison: Comparison) -> dict[str, Any]:
     """Return the comparison for JSON, without trajectories."""
     rows = [{**asdict(row), "change": row.change, "share_of_limit": row.share, "passed": row.passed}
             for row in comparison.rows]
-    about = comparison.about
     return {"schema": SCHEMA, "baseline_schema": BASELINE, "tool": f"emcas {__version__}",
-            "passed": comparison.passed, "article": asdict(about), "fin": about.fin,
+            "passed": comparison.passed, "article": asdict(comparison.about), "fin": comparison.about.fin,
             "recorded": dict(comparison.baseline.recorded), "comparisons": rows, "stopped": comparison.stopped,
             "changed_parameters": comparison.parameters, "changed_marks": comparison.marks, "notes": comparison.notes}
 
 
 def write_junit(comparison: Comparison, path: Path) -> None:
-    """Write a suite for each case, with a test case for each comparison that has a limit."""
+    """Write JUnit XML: a suite for each case, with a test case for each comparison that has a limit."""
     writers.write_junit("emcas baseline check", {
         f"{name}: {title}": _tests(comparison, name) for name, title in comparison.titles.items()}, path)
 
@@ -114,7 +113,7 @@ def _tests(comparison: Comparison, case: str) -> Iterator[TestCase]:
 
 
 def append_markdown(comparison: Comparison, remedy: str, path: Path, everything: bool = False) -> None:
-    """Append a section to a file; several steps of a CI job write to one summary."""
+    """Append a section in Markdown to a file, since several steps of a CI job write to one summary."""
     file = _cell(comparison.about.file)
     lines = [f"### {'✅' if comparison.passed else '❌'} {file}: {comparison.verdict}\n"]
     for header, rows in tables(comparison, everything):
@@ -148,7 +147,7 @@ def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
 
 
 def _drawings(comparison: Comparison) -> Iterator[plots.Drawing]:
-    """Yield a picture of each trajectory: approved, now, and their difference."""
+    """Yield a picture of each trajectory: the approved one, the present one, and their difference."""
     from ...figures import plots
 
     limits, units = comparison.baseline.limits, output_units(comparison.baseline.model)

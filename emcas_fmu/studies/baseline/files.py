@@ -1,4 +1,4 @@
-"""A baseline in files: text that can be reviewed, the same for the same response.
+"""Read and write the files of a baseline: text that can be reviewed, the same for the same response.
 
 Reading checks every entry; a message names the wrong entry and its file.
 """
@@ -42,7 +42,7 @@ def read(folder: Path, model: str = NONLINEAR) -> Baseline:
 
 
 def read_plan(file: Path, model: str = NONLINEAR) -> Baseline:
-    """Return the limits and cases of a baseline's file for recording; its other entries may be incomplete or wrong.
+    """Return the limits and cases of a baseline's file as a plan for recording; the file's other entries are not read.
 
     Raises EmcasError.
     """
@@ -65,7 +65,7 @@ def _tables(file: Path, model: str) -> dict[str, Any]:
         raise EmcasError(f"{error}; {REMEDY}") from error
     if (version := written.pop("schema", None)) != SCHEMA:
         raise EmcasError(f"{file}: schema: is {version!r}, this emcas reads {SCHEMA!r}; record the baseline again with "
-                         "`emcas baseline record`, or use the emcas it was made with")
+                         "`emcas baseline record`, or use the version of emcas that recorded it")
     name = get(model).name
     if (of := written.pop("model", NONLINEAR)) != name:
         raise EmcasError(f"{file}: is of the actuator {of}, not of {name}; name the actuator of a parameter file with "
@@ -86,7 +86,7 @@ def _header(limits: Limits, model: str) -> list[str]:
 
 
 def _traces(path: Path, limits: Limits, model: str) -> dict[str, Array]:
-    """Return the columns of a case's file, without time. Raises EmcasError if the file does not match the limits."""
+    """Return the trajectories in a case's file, by output. Raises EmcasError if the file does not match the limits."""
     try:
         columns, expected = read_columns(path), _header(limits, model)
         if list(columns) != expected:
@@ -94,9 +94,9 @@ def _traces(path: Path, limits: Limits, model: str) -> dict[str, Array]:
         time, *traces = columns.values()
         for line, row in enumerate(zip(*columns.values(), strict=True), 2):
             if odd := [cell for cell in row if not isfinite(cell)]:
-                raise EmcasError(f"{path}: line {line} has {odd[0]}")
+                raise EmcasError(f"{path}: line {line} contains {odd[0]}, which is not a finite number")
         if not np.allclose(time, np.arange(len(time)) * limits.sample_time, rtol=0.0, atol=1e-6):
-            raise EmcasError(f"{path}: its times do not begin at 0, {limits.sample_time:g} s apart")
+            raise EmcasError(f"{path}: its times must begin at 0 and be {limits.sample_time:g} s apart")
     except EmcasError as error:
         raise EmcasError(f"{error}; {REMEDY}") from error
     return dict(zip(limits.traces, traces, strict=True))
@@ -111,7 +111,7 @@ def write(baseline: Baseline, folder: Path) -> list[Path]:
             columns = list(traces.values())
             files[f"{name}.csv"] = csv_text(
                 dict(zip(header, [np.arange(len(columns[0])) * period, *columns], strict=True)), DIGITS)
-    # Written last: without this file a folder is recognised as unfinished.
+    # FILE is written last: without it, a folder is recognised as unfinished.
     return write_folder(folder, {**files, FILE: "\n\n".join(_sections(baseline)) + "\n"})
 
 

@@ -1,4 +1,4 @@
-"""A baseline: limits, cases with approved figures and trajectories, and the subject that they were recorded from."""
+"""A baseline: limits, cases with approved figures and trajectories, and the identification of the recorded subject."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from ...reference.files import supply_start
 from ...variables import Variable
 
 FILE = "baseline.toml"
-DIGITS = 6  # significant ones in files: rounding is a ten-thousandth of the smallest relative limit shipped
+DIGITS = 6  # significant digits in files: rounding is a ten-thousandth of the smallest relative limit of new baselines
 NEVER = "never"
-"""In files, the value of a figure whose level is never reached."""
+"""The value, in files, of a figure whose level is never reached."""
 LONGEST = 60.0  # s, longest case: the time that fmpy needs grows with the square of the length
 
 Array = NDArray[np.floating[Any]]
@@ -42,7 +42,7 @@ _MOTION = ("rise_time", "settling_time", "time_to_accuracy", "overshoot", "stead
 _SWEPT = ("bandwidth_3db", "bandwidth_90deg", "peak_gain", *_ELECTRICAL)
 _PEAKS = ("peak_rate", "peak_angle", *_ELECTRICAL)
 ALL = tuple(dict.fromkeys((*_MOTION, *_SWEPT, *_PEAKS)))
-"""Figures of the bench that a baseline may have; those of a case depend on its kind."""
+"""Figures of the bench that a baseline may have; the kind of a case determines its figures."""
 
 
 def unit_of(figure: str) -> str:
@@ -51,28 +51,28 @@ def unit_of(figure: str) -> str:
 
 
 def output_units(model: str) -> dict[str, tuple[str, float]]:
-    """Return, for each output that may have a trajectory, the unit in files and the factor from SI."""
+    """Return the unit in files, and the factor from SI to it, for each output that may have a trajectory."""
     return {v.name: shown(v.unit) for v in get(model).outputs if v.kind == "Real"}
 
 
 def start_entries(model: str) -> dict[str, Variable]:
-    """Return the entries that an actuator's parameter file may have, by name."""
+    """Return the variables that an actuator's parameter file may have as entries, by name."""
     return {v.name: v for v in get(model).file_entries}
 
 
 def rounded(value: float) -> float:
-    """Return a value as a file has it; nan for a value that is not finite."""
+    """Return a value rounded as in a file; nan for a value that is not finite."""
     return float(f"{value + 0.0:.{DIGITS}g}") if isfinite(value) else nan
 
 
 class Limit(Table):
-    """Largest change of a figure: `absolute` in its unit or `relative` in %, whichever is larger."""
+    """Largest permitted change of a figure: `absolute` in its unit or `relative` in %, whichever is larger."""
 
     absolute: Annotated[Any, PlainValidator(lambda written, info: info.context.limited(written))]
     relative: Annotated[float, In("%", 0.0)]
 
     def of(self, approved: float) -> float:
-        """Return the largest change from the approved value, in its unit."""
+        """Return the largest permitted change of a figure from its approved value, in the unit of the figure."""
         return max(self.absolute, self.relative / 100.0 * abs(approved)) if isfinite(approved) else 0.0
 
 
@@ -117,7 +117,7 @@ Parameters = Annotated[Mapping[str, Any], _entries(
 
 
 class Limits(Table):
-    """Largest changes of figures, and of trajectories [units of output_units] with their `sample_time` [s]."""
+    """Largest permitted changes: of figures, and of trajectories [units of output_units] every `sample_time` [s]."""
 
     figures: FigureLimits
     trajectories: TrajectoryLimits
@@ -135,14 +135,14 @@ class Limits(Table):
 
     @property
     def traces(self) -> dict[str, float]:
-        """Largest changes of the outputs with trajectories, by name."""
+        """Largest permitted changes of the outputs with trajectories [units of output_units], by name."""
         return {name: limit for name, limit in self.trajectories.items() if name != "sample_time"}
 
 
 class Case(Table):
-    """One excitation, with its approved figures [unit_of] and limits that override the common ones.
+    """One excitation, with its approved figures [unit_of] and limits that override the common limits.
 
-    `start` are the values of parameters that the case changes.
+    `start` has the values of the parameters that the case changes.
     """
 
     kind: str
@@ -152,36 +152,36 @@ class Case(Table):
 
     @property
     def sweeps(self) -> bool:
-        """Whether the case is a sweep: it has bandwidths and no trajectory."""
+        """Whether the case is a sweep, which has bandwidths and no trajectory."""
         return self.kind in motions.KINDS and motions.KINDS[self.kind].sweeps
 
-    def made(self, folder: Path, subject: Subject) -> Excitation:
+    def inputs(self, folder: Path, subject: Subject) -> Excitation:
         """Return the inputs for a subject, without the values of `start`."""
         raise NotImplementedError
 
     def excitation(self, folder: Path, subject: Subject) -> Excitation:
-        """Return the inputs for a subject; CSV files are in the baseline's `folder`. Raises EmcasError.
+        """Return the inputs and start values for a subject; CSV files are in the baseline's `folder`.
 
-        Figures are measured from the first row on, not only after the command.
+        Figures are measured from the first row on, including the time before the command. Raises EmcasError.
         """
-        made = self.made(folder, subject).with_start_values(self.start)
+        excitation = self.inputs(folder, subject).with_start_values(self.start)
         changes = "".join(f", {name} {value:g}" for name, value in self.start.items())
-        return replace(made, title=made.title + changes, begin=0.0)
+        return replace(excitation, title=excitation.title + changes, begin=0.0)
 
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:
-        """Return the figures of a finished run, as far as the actuator has the outputs that they need."""
+        """Return the figures [unit_of] of a finished run for which the actuator has the required outputs."""
         return _kept(_PEAKS, metrics.usage(run))
 
 
 def _kept(names: tuple[str, ...], figures: Mapping[str, float]) -> dict[str, float]:
-    """Return the figures `names` from `figures` [SI] as a file has them."""
+    """Return those of the figures `names` that `figures` [SI] contains, as in a file."""
     return {name: rounded(figures[name] * shown(FIGURES[name].unit)[1]) for name in names if name in figures}
 
 
 class Motion(Case):
     """A motion of the bench. In a slew a `torque` [N.m] rises with the command, as in requirements.
 
-    A sweep's bandwidths are measured under steady sines of its amplitude.
+    The bandwidths of a sweep are measured with steady sines of its amplitude.
     """
 
     command: Annotated[float, In("deg")]
@@ -191,12 +191,12 @@ class Motion(Case):
     @classmethod
     def _moves(cls, command: float) -> float:
         if not command:
-            raise ValueError("must not be 0: nothing would move")
+            raise ValueError("must not be 0: the fin would not move")
         return command
 
-    def made(self, folder: Path, subject: Subject) -> Excitation:
+    def inputs(self, folder: Path, subject: Subject) -> Excitation:
         torque = getattr(self, "torque", 0.0)
-        if self.kind == "slew":  # at its starting end from the first row on
+        if self.kind == "slew":  # the fin is at the starting end from the first row on
             return tested(Test("slew", radians(self.command), self.duration, torque), 1.0, subject)
         return motion(self.kind, radians(self.command), self.duration, torque)
 
@@ -208,7 +208,7 @@ class Motion(Case):
 
 
 class Reference(Case):
-    """A reference case by name; the encoder is enabled."""
+    """A reference case by name, with the encoder enabled."""
 
     case: str
 
@@ -218,7 +218,7 @@ class Reference(Case):
         reference_case(case)
         return case
 
-    def made(self, folder: Path, subject: Subject) -> Excitation:
+    def inputs(self, folder: Path, subject: Subject) -> Excitation:
         supply = supply_start(subject.model, {**subject.values, **self.start})
         return replace(reference_case(self.case, exact=False, supply=supply), title=f"reference case {self.case}")
 
@@ -228,7 +228,7 @@ class Replay(Case):
 
     file: str
 
-    def made(self, folder: Path, subject: Subject) -> Excitation:
+    def inputs(self, folder: Path, subject: Subject) -> Excitation:
         path = folder / self.file  # stays absolute if the file is
         inputs = csv_file(path, model=subject.model)
         if inputs.stop > LONGEST:
@@ -245,12 +245,12 @@ KINDS: Mapping[str, type[Case]] = {**{name: motions.schema(name, _FIELDS, Motion
 def _cases(written: Any, info: ValidationInfo) -> dict[str, Case]:
     def read(name: str, entry: Any) -> Case:
         if not re.fullmatch(r"[\w-]+", name, re.ASCII):
-            raise ValueError("the name of a case has letters a to z, digits, - and _, because a file is named after it")
+            raise ValueError("the name of a case has letters a to z, digits, - and _, since a file is named after it")
         return KINDS[kind_of(entry, KINDS)].model_validate(entry, context=info.context)
 
     cases = each(written, read)
     if not cases:
-        raise ValueError("there is no case; add one such as those of a new baseline")
+        raise ValueError("there is no case; add [case.NAME], such as those of a new baseline")
     for name in cases:
         if any(isinstance(c, Replay) and Path(c.file) == Path(f"{name}.csv") for c in cases.values()):
             raise ValueError(f"the trajectory of {name} would overwrite the inputs {name}.csv; rename the case")
@@ -267,10 +267,10 @@ class Tables(Table):
 
 
 class Baseline(Tables):
-    """An actuator's baseline: the limits and cases of a file, also as `written` there, and the trajectories beside it.
+    """An actuator's baseline: the limits and cases of a file, also as `written` in it, and trajectories in other files.
 
     `traces` are the trajectories by case and output [units of output_units], from 0 s on. `recorded` identifies the
-    recorded subject, `parameters` are its values. A plan for recording has only limits and cases.
+    recorded subject, `parameters` are that subject's values. A plan for recording has only limits and cases.
     """
 
     model: str

@@ -1,4 +1,4 @@
-"""Parameter sets and actuators judged by the same requirements, side by side: terminal, JSON and page."""
+"""Judge parameter sets and actuators by the same requirements, and show them side by side: terminal, JSON and page."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from ...support.progress import Progress, silent
 SCHEMA = "emcas-compare/1"
 """Name and version of the JSON layout; the number changes when a field is removed or changes its meaning."""
 _WIDEST = 3.5  # points, line width of the first set
-_WINDOW = -0.02, 0.35  # s, plotted times before and after the command
+_WINDOW = -0.02, 0.35  # s, first and last plotted time from the command
 DEFAULT = "default"
 """Name of the default set."""
 DRIVES = (DEFAULT, "drive-si", "drive-scaled", "drive-pi")
@@ -45,7 +45,7 @@ PLOTTED: Mapping[str, Test] = {"Step to 20 deg": Test("step", radians(20.0), 0.4
 
 @dataclass(frozen=True)
 class Column:
-    """One set or actuator: name, parameters, judged requirements, and the responses to PLOTTED by title."""
+    """One set or actuator: name, parameters, judged requirements, and the responses to the PLOTTED tests by title."""
 
     name: str
     parameters: ParameterSet
@@ -66,12 +66,12 @@ class Result:
 
     @property
     def rows(self) -> list[tuple[Judged, ...]]:
-        """A row for each requirement: its verdict in each column."""
+        """A row for each requirement: the judged requirement of each column."""
         return list(zip(*(column.judged for column in self.columns), strict=True))
 
     @property
     def estimates(self) -> list[str]:
-        """Parameters that are an engineering estimate in at least one column."""
+        """Names of the parameters that are engineering estimates in at least one column."""
         estimates = {name for column in self.columns for name in column.parameters.estimates}
         return [name for name in self.units if name in estimates]
 
@@ -82,23 +82,23 @@ class Result:
 
     @property
     def models(self) -> list[str]:
-        """The actuators, each once."""
+        """Names of the actuators, each once."""
         return list(dict.fromkeys(column.parameters.actuator.name for column in self.columns))
 
     @property
     def differing(self) -> dict[str, tuple[Any, ...]]:
         """Values, by name, of the parameters that all columns have and that differ between them."""
-        each = [column.parameters.values for column in self.columns]
-        shared = {name: tuple(values[name] for values in each) for name in each[0]
-                  if all(name in values for values in each)}
+        sets = [column.parameters.values for column in self.columns]
+        shared = {name: tuple(values[name] for values in sets) for name in sets[0]
+                  if all(name in values for values in sets)}
         return {name: values for name, values in shared.items() if len(set(values)) > 1}
 
 
 def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> dict[str, ParameterSet]:
-    """Return parameter sets by their names or files; an actuator's name, or its Python file, means its default set.
+    """Return parameter sets by the names of shipped sets, parameter files or actuators (also Python files).
 
-    Each set overrides the files `below`. Without names, the sets are DRIVES, or for an actuator without a current loop
-    the default set alone. Raises EmcasError.
+    An actuator has its default set, changed by the files `below`; each other set overrides this set of the `model`.
+    Without names, the sets are DRIVES, or DEFAULT alone for an actuator without a current loop. Raises EmcasError.
     """
     if twice := [name for name in names if names.count(name) > 1]:
         raise EmcasError(f"{twice[0]}: appears twice; name each set once")
@@ -113,15 +113,15 @@ def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> d
         try:
             parameter_file(name)
         except ParameterError as error:
-            raise EmcasError(f"{error}; the actuators are {', '.join(NAMES)}{hint(name, NAMES)}, or your file "
-                             "that ends in .py") from error
+            raise EmcasError(f"{error}; the actuators are {', '.join(NAMES)}{hint(name, NAMES)}, or your Python file "
+                             "(.py)") from error
         return load_parameters(name, base)
 
     return {name: loaded(name) for name in names}
 
 
 def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent, requirements: Path | None = None) -> Result:
-    """Judge each set by the requirements of a file, by default the shipped ones of the first set's actuator.
+    """Judge each set by the requirements of a file, by default the shipped requirements of the first set's actuator.
 
     `progress` is called with the set and the test, the number of finished tests, and their total. Raises EmcasError.
     """
@@ -139,8 +139,7 @@ def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent, requi
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
-    """Yield the figures as a table with a column per set, the parameters that differ between sets of one actuator, and
-    the verdict on each set."""
+    """Yield a table of all figures, the parameters that differ (if there is one actuator), and each set's verdict."""
     yield table(["requirement", ">required", *(f">{column.name}" for column in result.columns)], (
         [first.name, f"{first.sense} {first.limit:g} {first.unit}", *map(_cell, (first, *others))]
         for first, *others in result.rows), "Requirements", range(2), plain=True)
@@ -169,14 +168,14 @@ def as_dict(result: Result) -> dict[str, Any]:
 def write_report(result: Result, path: Path) -> None:
     """Write the page; the same result, command and date give the same bytes."""
     write_page(path, "studies/compare/page.html.j2", [c.parameters for c in result.columns], result=result,
-                       pictures=pictures(_drawings(result)))
+               pictures=pictures(_drawings(result)))
 
 
 def _drawings(result: Result) -> Iterator[Drawing]:
-    """Yield the plot of the responses of all sets to PLOTTED."""
+    """Yield one plot: the responses of all sets to the PLOTTED tests."""
     large, grid = figure(2, 2, width=10.0, height=2.6, sharex=True, x="time [ms]",
                          y=("fin angle [deg]", "fin rate [deg/s]"))
-    widths = np.linspace(_WIDEST, 1.0, len(result.columns))  # coinciding curves are all visible
+    widths = np.linspace(_WIDEST, 1.0, len(result.columns))  # curves that coincide are all visible
     for (angle, rate), title in zip(grid.T, PLOTTED, strict=True):
         for k, column in enumerate(result.columns):
             run = column.runs[title]
