@@ -32,8 +32,7 @@ _DERIVATIVE_STEP = 3e-3  # relative change of a parameter for a numerical deriva
 
 @dataclass(frozen=True)
 class Fit:
-    """The fitted parameters, and for each of the `sizes` [deg] the `largest` and the `rms` difference [% of the size].
-    """
+    """The fitted parameters; for each of the `sizes` [deg] the `largest` and the `rms` difference [% of the size]."""
 
     parameters: ParameterSet
     sizes: tuple[float, ...]
@@ -100,10 +99,7 @@ def _responses(values: Mapping[str, Any], model: str, sizes: tuple[float, ...]) 
 
 
 def write_fitted(fit: Fit, path: Path, command: str) -> None:
-    """Write a parameter file for the second-order model, with all values that differ from its defaults.
-
-    Comments in the file contain the `command` that made it, the remaining differences and the warnings.
-    """
+    """Write a parameter file for the second-order model, with all values that differ from its defaults."""
     remaining = ", ".join(f"{rms:.2g} % at {size:g} deg" for size, rms in zip(fit.sizes, fit.rms, strict=True))
     write_parameters(fit.parameters, path, [
         "Parameters of the second-order model that differ from its defaults.", f"Made by: {command}",

@@ -31,10 +31,7 @@ _INPUT = re.compile(r"^\[experiments\.(\w+)\.inputs\.([\w.]+)\]", re.MULTILINE)
 
 
 def starter_files(base: ParameterSet) -> dict[str, str]:
-    """Return the texts of the starter files, by name, for the actuator with the default set `base`.
-
-    A tuning study is included if a shipped study fits the actuator.
-    """
+    """Return the texts of the starter files by name, for the default set `base`; with a tuning study if one fits."""
     files = {PARAMETERS: parameter_text(base), CAMPAIGN: campaign_text(base),
              REQUIREMENTS: shipped_file("requirements", base.model).read_text(encoding="utf-8")}
     if has_shipped_study(base):

@@ -24,10 +24,7 @@ TEMPLATE = Path(__file__).parent / "default.toml"
 
 
 def first(subject: Subject) -> tuple[Baseline, list[str]]:
-    """Return the plan of a subject's first baseline, and the parts of the template that it omits with their reasons.
-
-    The plan is the template with commands limited to the subject's range.
-    """
+    """Return a first plan for a subject (the template, with commands within its range), and omissions with reasons."""
     template = read_plan(TEMPLATE)
     written = deepcopy(dict(template.written))
     most = round(degrees(subject.command_limit), 9)

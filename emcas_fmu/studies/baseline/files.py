@@ -133,7 +133,7 @@ def _sections(baseline: Baseline) -> Iterator[str]:
     yield "\n".join(["# All parameters; a remark has the default value if it differs.\n[parameters]",
                      *map(line, present)])
     limits = baseline.written["limits"]
-    yield ("# A figure may change by the larger of the two; a figure without an entry here is shown and not judged.\n"
+    yield ("# A figure may change by the larger of both limits; a figure without an entry is shown and not judged.\n"
            + toml.table("limits.figures", limits["figures"]))
     yield ("# Outputs whose trajectories are kept, every sample_time, in every case except sweeps.\n"
            + toml.table("limits.trajectories", limits["trajectories"]))

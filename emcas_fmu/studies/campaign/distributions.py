@@ -79,10 +79,7 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Factor:
-    """A parameter, or a number of a motion or profile, that varies between samples.
-
-    Its distribution is in `unit`; `type` is Real, Integer or Boolean.
-    """
+    """A parameter or other number that varies between samples, in `unit`; `type` is Real, Integer or Boolean."""
 
     name: str
     unit: str
@@ -150,10 +147,7 @@ def distribution(written: Mapping[str, Any], unit: In) -> Distribution:
 
 
 def _checked(read: Distribution, unit: In) -> Distribution:
-    """Return a distribution if its numbers fit together and almost all its values are within the entry's limits.
-
-    Raises ValueError.
-    """
+    """Return a distribution. Raises ValueError if its numbers contradict each other or its values exceed the limits."""
     n = read.numbers
     if "low" in n and not n["low"] < n["high"]:
         raise ValueError(f"low = {n['low']:g} must be below high = {n['high']:g} {unit.unit}")

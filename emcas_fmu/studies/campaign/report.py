@@ -125,10 +125,7 @@ def seconds(value: float) -> str:
 
 
 def write_report(summary: Summary, path: Path, command: str) -> None:
-    """Write the page of a summary, with the `command` that runs the campaign.
-
-    The same rows, command and date give the same bytes.
-    """
+    """Write the page of a summary, with the `command` that runs the campaign."""
     study = summary.study
     source = Source(f"FMU with SHA-256 {study.fmu_sha256}, campaign" if study.fmu else "campaign", study.path.name, "",
                     parameters_hash(study.base), study.actuator.name)
@@ -158,8 +155,7 @@ def tables(summary: Summary) -> Iterator[Table]:
 
 
 def _requirements(summary: Summary) -> Table:
-    """Return a table of the requirements: median and bad percentile of the figure, and the samples that meet the limit.
-    """
+    """Return a table of requirements: median and bad percentile of the figure, and the samples that meet the limit."""
     low, median, high = _SHOWN
     *each, together = summary.chances
     rows: list[Sequence[str | Text] | None] = []

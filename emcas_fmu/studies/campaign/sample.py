@@ -70,8 +70,7 @@ def joined(parts: Sequence[Rows]) -> Rows:
 
 def _rows(study: Study, indices: Sequence[int], drawn: Array, entries: Mapping[str, Any], errors: Mapping[int, str]
           ) -> Rows:
-    """Return rows from the `entries` of samples by column, and the `errors` of failed samples by position in `indices`.
-    """
+    """Return rows from the `entries` of samples by column; `errors` of failed samples are by position in `indices`."""
     count, failures = len(indices), [*errors]
     rows: Rows = {"index": np.asarray(indices), "seed": np.full(count, study.seed),
                   **{name: np.broadcast_to(values, count) for name, values in study.factor_values(drawn.T).items()}}

@@ -153,8 +153,7 @@ class Reader:
 
 
 def _tables(entries: Any, variables: Mapping[str, Variable]) -> Iterator[tuple[str, Any]]:
-    """Return pairs of dotted name and table; in the file a name may be quoted, or be nested tables. Raises ValueError.
-    """
+    """Return pairs of dotted name and table; a file may have quoted names or nested tables. Raises ValueError."""
     if not isinstance(entries, Mapping):
         raise ValueError("expected a table")
     return leaves(entries, lambda name, table: table and name not in variables and all(

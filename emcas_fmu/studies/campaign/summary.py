@@ -188,8 +188,7 @@ def _interval(rank: float, n: int) -> tuple[float, float]:
 
 
 def _regression(figure: Array, factors: Mapping[str, Array]) -> tuple[list[float], list[float], float]:
-    """Return standardised coefficients by least squares, their standard errors and the explained share of the variance.
-    """
+    """Return standardised coefficients (least squares), their standard errors and the explained share of variance."""
     finite = np.isfinite(figure)
     x, y = np.column_stack([column[finite] for column in factors.values()]), figure[finite]
     n, count = x.shape

@@ -68,10 +68,7 @@ class Evaluation:
 
 
 def share(requirement: Requirement, measured: float) -> float:
-    """Return a figure [SI] as a share of its limit: measured/maximum or minimum/measured.
-
-    The share is at most 1 if the limit is met; otherwise it is above 1 and at most HOPELESS.
-    """
+    """Return a figure [SI] as a share of its limit: measured/maximum or minimum/measured; above 1 if it is missed."""
     if not isfinite(measured):
         return HOPELESS
     ratio = (measured / requirement.limit if requirement.sense == "maximum"
@@ -130,6 +127,3 @@ class Journal:
 
     def __iter__(self) -> Iterator[Evaluation]:
         return iter(self._evaluations.values())
-
-    def __len__(self) -> int:
-        return len(self._evaluations)

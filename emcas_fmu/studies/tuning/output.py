@@ -20,8 +20,7 @@ from .optimise import Result
 
 
 def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
-    """Return a row for each requirement in its worst case: the figure and its limit in the unit shown, and the margin.
-    """
+    """Return a row for each requirement in its worst case: figure and limit in the unit that is shown, and margin."""
     worst = evaluation.by_requirement()
     judged = [(r, worst[r.name], *shown(r.unit)) for r in result.study.requirements]
     return [{"requirement": r.name, "figure": r.figure, "how": FIGURES[r.figure].title, "case": j.case,
@@ -62,8 +61,7 @@ def verdict(result: Result) -> str:
 
 
 def objectives(result: Result) -> str:
-    """Return a line: the objectives of the initial and of the returned gains, and the largest near the returned gains.
-    """
+    """Return a line: the objectives of initial and returned gains, and the largest one near the returned gains."""
     initial, returned = result.before.objective, result.best.objective
     nearby = "" if isnan(result.nearby) else (
         f"; at most {number(result.nearby)} if the third digit of a returned gain changes by one")
@@ -107,10 +105,7 @@ def write_json(result: Result, path: Path, command: str) -> None:
 
 
 def write_report(result: Result, path: Path, pair: tuple[str, str] | None = None) -> None:
-    """Write the page of a result, with the trade-off between a `pair` of requirements (default: the most conflicting).
-
-    The same result, command and date give the same bytes.
-    """
+    """Write the page of a result; `pair` are the requirements of the trade-off (default: the most conflicting)."""
     from ...figures.plots import pictures  # with Matplotlib, a third of the start of every command
     from .pictures import drawings
 

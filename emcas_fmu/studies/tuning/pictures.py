@@ -22,8 +22,7 @@ _NEAR = 1.6  # largest objective at which evaluations are used to find conflicts
 
 
 def drawings(result: Result, pair: tuple[str, str] | None = None) -> Iterator[Drawing]:
-    """Yield the pictures of a result; `pair` names the requirements of the trade-off, by default the most conflicting.
-    """
+    """Yield the pictures of a result; `pair` are the requirements of the trade-off (default: the most conflicting)."""
     if moves := list(dict.fromkeys(
             r.test for r in result.study.requirements if r.test and r.test.kind in ("step", "slew"))):
         yield responses(result, moves)
@@ -56,9 +55,7 @@ def responses(result: Result, moves: Sequence[Test]) -> Drawing:
 
 
 def search(result: Result) -> Drawing:
-    """Plot the best objective during the search and, over each gain, the objectives of all evaluations.
-
-    Objectives above the lowest 80 % of all are plotted at the upper edge.
+    """Plot the best objective during the search and, over each gain, all objectives (the worst 20 % at the upper edge).
     """
     names = [t.name for t in result.study.tunables]
     plot, grid = figure(1, 1 + len(names), width=2.6 * (1 + len(names)), height=2.6)

@@ -67,10 +67,9 @@ class Study:
         return Specification(self.requirements, self.cases)
 
     def judged_by(self, file: Path) -> Study:
-        """Return the study with the requirements of a file in place of its own.
+        """Return the study with a file's requirements, judged in the file's cases (default: all cases of the study).
 
-        They are judged in the cases of the file or, if it has none, in all cases of the study. Raises EmcasError if the
-        file cannot be used.
+        Raises EmcasError if the file cannot be used.
         """
         required = load_requirements(file, self.base)
         requirements = _measurable(required.requirements, self.base)
@@ -187,11 +186,7 @@ def has_shipped_study(base: ParameterSet) -> bool:
 
 
 def shipped_study(base: ParameterSet) -> Study:
-    """Return the shipped study for a parameter set.
-
-    Raises StudyError, for example if the actuator lacks a parameter that the study tunes, and EmcasError if an extra is
-    missing.
-    """
+    """Return the shipped study for a parameter set. Raises StudyError if none fits, EmcasError for a missing extra."""
     try:
         return load_study(shipped_file("tuning", base.model), base)
     except StudyError as error:
