@@ -24,8 +24,8 @@ NAMES = tuple(_SEARCHED)
 _BEGIN, _LOWEST, _HIGHEST = np.array(list(_SEARCHED.values())).T
 _AT_BOUND = 1e-3  # largest distance from a bound, as a share of the range, at which a value counts as at the bound
 _NOTE = "Fitted to the nonlinear model."
-# Weight of the damping as an additional residual, which makes the fit prefer less damping. Without it the damping is
-# arbitrary: a second pole far beyond the first and a longer delay differ in their effects by only 0.03 % of a step.
+# Weight of the damping as an additional residual, so that the fit prefers less damping. Without it, large dampings fit
+# almost equally well: a second pole far beyond the first and a longer delay differ by only 0.03 % of a step.
 _DAMPING_WEIGHT = 0.05
 _DERIVATIVE_STEP = 3e-3  # relative change of a parameter for a numerical derivative
 

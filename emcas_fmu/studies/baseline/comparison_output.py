@@ -137,7 +137,7 @@ def _cell(text: str) -> str:
 
 def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
     """Write the page; the same comparison, command and date give the same bytes."""
-    from ...figures import plots  # with Matplotlib, a third of the start of every command
+    from ...figures import plots  # here: at the top, Matplotlib would take a third of the start of every command
 
     about = comparison.about
     write_page(path, "studies/baseline/page.html.j2", [about.source], about=about, comparison=comparison,

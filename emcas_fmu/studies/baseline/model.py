@@ -30,7 +30,7 @@ from ...reference.files import supply_start
 from ...variables import Variable
 
 FILE = "baseline.toml"
-DIGITS = 6  # significant digits in files: rounding is a ten-thousandth of the smallest relative limit of new baselines
+DIGITS = 6  # significant digits in files: rounding changes a value by at most 0.0005 %, far less than a limit of 1 %
 NEVER = "never"
 """The value, in files, of a figure whose level is never reached."""
 LONGEST = 60.0  # s, longest case: the time that fmpy needs grows with the square of the length
@@ -229,7 +229,7 @@ class Replay(Case):
     file: str
 
     def inputs(self, folder: Path, subject: Subject) -> Excitation:
-        path = folder / self.file  # stays absolute if the file is
+        path = folder / self.file  # an absolute path stays as it is
         inputs = csv_file(path, model=subject.model)
         if inputs.stop > LONGEST:
             raise EmcasError(f"{path}: lasts {inputs.stop:g} s; a baseline's case may last {LONGEST:g} s")

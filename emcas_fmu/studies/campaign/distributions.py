@@ -69,7 +69,7 @@ class Distribution:
         return values
 
     def limits(self, outside: float = 0.0) -> tuple[float, float]:
-        """Return the smallest and the largest value; a tail ends where a probability `outside` remains beyond."""
+        """Return the smallest and the largest value; a tail is cut where a probability `outside` remains beyond it."""
         if self.kind == "choice":
             return float(min(self.levels)), float(max(self.levels))
         if "low" in self.numbers:

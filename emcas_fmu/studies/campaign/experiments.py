@@ -146,7 +146,7 @@ _SHAPES: Mapping[str, Callable[[Array, Number], Any]] = {
 
 @cache
 def figures(kind: str, model: str) -> Mapping[str, Figure]:
-    """Return the figures of a kind of experiment for which the actuator has the outputs, by column name."""
+    """Return the figures in experiments of a `kind` for which the actuator has the outputs, by column name."""
     outputs, of_kind = {v.name for v in get(model).outputs}, KINDS[kind]
     groups = {_ALL, "jumps" if of_kind.jumps else "does not jump", *(["sweeps"] if of_kind.sweeps else [])}
     return {name: FIGURES[figure] for name, (figure, group) in _COLUMNS.items()

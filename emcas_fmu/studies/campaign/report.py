@@ -27,11 +27,11 @@ from .sample import history
 from .summary import Spread, Summary, text
 
 _SHOWN = 5, 50, 95  # percentiles in the terminal's tables
-_COLUMNS = 3
-_MOST_FACTORS = 12
-_BINS = 40
+_COLUMNS = 3  # plots in a row of a picture
+_MOST_FACTORS = 12  # most factors in a plot
+_MOST_BINS = 40
 _MOST_WORST = 6  # most samples in the picture of the worst samples
-_MOST_LEVELS = 8
+_MOST_LEVELS = 8  # most levels of a choice that are listed
 
 
 def drawings(summary: Summary) -> Iterator[Drawing]:
@@ -49,7 +49,7 @@ def histograms(name: str, spreads: Sequence[Spread]) -> Drawing:
     plot, grid = plots.panels(len(spreads), _COLUMNS, width=10.0, height=1.9)
     for axes, s in zip(grid, spreads, strict=True):
         unit, scale = shown(s.figure.unit)
-        axes.hist(s.values * scale, bins=min(_BINS, max(5, int(np.sqrt(len(s.values))))), color=BLUE)
+        axes.hist(s.values * scale, bins=min(_MOST_BINS, max(5, int(np.sqrt(len(s.values))))), color=BLUE)
         for p, color in ((50, INK), (95, VERMILLION), (5, VERMILLION)):
             if isfinite(s.percentiles[p]):
                 axes.axvline(s.percentiles[p] * scale, color=color, linewidth=1.0, linestyle="-" if p == 50 else "--")

@@ -60,7 +60,7 @@ class Reader:
         self.followers: dict[str, str] = {}
 
     def read_factors(self, written: Any) -> None:
-        """Read the table `vary`. This and the other methods raise ValueError or ValidationError."""
+        """Read the table `vary`. All methods raise ValueError or ValidationError for a wrong entry."""
         each(_tables(written, self._parameters), self._parameter)
         each(((f"{name}.follows", leader) for name, leader in self.followers.items()), self._check_follower)
 

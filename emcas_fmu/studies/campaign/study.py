@@ -217,13 +217,13 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
 
 
 def source_sha256(model: str) -> str:
-    """Return the SHA-256 of the user's file that declares an actuator; empty for a shipped one."""
+    """Return the SHA-256 of the user's file that declares an actuator; empty for a shipped actuator."""
     source = get(model).source
     return "" if source is None else hashlib.sha256(source.read_bytes()).hexdigest()
 
 
 def _warnings(base: ParameterSet, study: Study, medians: list[float]) -> Iterator[str]:
-    """Yield one warning for each rule: with all factors at their medians, otherwise with one factor at an end."""
+    """Yield warnings of the base set, and one for each rule: with factors at their medians, or one factor at an end."""
     from_rules = check_combinations(base.values, base.actuator, warnings=True)
     yield from (warning for warning in base.warnings if warning not in from_rules)
     points = [medians, *([*medians[:k], end, *medians[k + 1:]] for k, factor in enumerate(study.factors)

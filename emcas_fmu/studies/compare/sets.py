@@ -54,7 +54,7 @@ class Column:
 
     @property
     def passed(self) -> bool:
-        """Whether all judged requirements are met."""
+        """Whether at least one requirement was judged, and all judged requirements are met."""
         return verdict.all_passed(self.judged)
 
 
@@ -97,7 +97,7 @@ class Result:
 def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> dict[str, ParameterSet]:
     """Return parameter sets by the names of shipped sets, parameter files or actuators (also Python files).
 
-    An actuator has its default set, changed by the files `below`; each other set overrides this set of the `model`.
+    The files `below` override the default set of every actuator; a shipped set or a file overrides both for `model`.
     Without names, the sets are DRIVES, or DEFAULT alone for an actuator without a current loop. Raises EmcasError.
     """
     if twice := [name for name in names if names.count(name) > 1]:

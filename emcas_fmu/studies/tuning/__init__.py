@@ -1,1 +1,1 @@
-"""Search for gains with which any actuator, simulated with its full equations, meets requirements in all cases."""
+"""Search for gains with which an actuator, simulated with its full equations, meets requirements in all cases."""
