@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import groupby
 from math import degrees
@@ -119,11 +120,9 @@ def _effect(parameters: ParameterSet, names: Iterable[str], torque: float, uncha
     if not any(values.values()):
         return None
     for factor in (1.0 + CHANGE, 1.0 - CHANGE):
-        try:
+        with suppress(ParameterError, ArithmeticError):
             changed = parameters.with_values({name: factor * value for name, value in values.items()})
             return float(np.max(np.abs(_response(changed, torque) - unchanged)))
-        except (ParameterError, ArithmeticError):
-            continue
     return None
 
 

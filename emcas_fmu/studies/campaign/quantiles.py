@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, floor, log10
 
@@ -16,9 +16,8 @@ PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
 CONFIDENCE = 0.95
 
 
-def percentiles(values: Array, percentages: Iterable[int]) -> dict[int, float]:
+def percentiles(values: Array, percentages: Sequence[int]) -> dict[int, float]:
     """Return percentiles by percentage; each is one of the `values`, since infinite values cannot be interpolated."""
-    percentages = list(percentages)
     return dict(zip(percentages, np.percentile(values, percentages, method="inverted_cdf").tolist(), strict=True))
 
 

@@ -33,11 +33,8 @@ _NUMBER = re.compile(r"(?<!\S)[(),;:]*[+-]?(?:\d+\.?\d*(?:e[+-]?\d+)?|inf|nan)[(
 
 @dataclass(frozen=True)
 class Effect:
-    """Sensitivity of a figure to a factor.
-
-    It has Spearman's rank correlation with its 95 % interval (`low` to `high`), and the standardised coefficient in a
-    linear regression on all factors with its standard error.
-    """
+    """Sensitivity of a figure to a factor: Spearman's rank correlation with its 95 % interval (`low` to `high`), and
+    the standardised coefficient in a linear regression on all factors with its standard error."""
 
     factor: str
     rank_correlation: float
