@@ -228,8 +228,8 @@ class _Search:
         self._done += generations
         self.history.append(self.best.objective)
         worst = self.best.worst
-        self._progress(f"{stage} search, worst requirement {worst.requirement} at {worst.share:.3f} of its limit",
-                       min(self._done, self._total), self._total)
+        self._progress(f"{stage} search, worst requirement {worst.requirement} with a margin of "
+                       f"{100.0 * worst.margin:.1f} %", min(self._done, self._total), self._total)
 
 
 def _prepare_worker() -> None:

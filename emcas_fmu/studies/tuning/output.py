@@ -15,7 +15,7 @@ from ...pages.numbers import beside, number, percent, with_unit
 from ...pages.page import write_page
 from ...pages.terminal import table
 from ...parameters import file_entry, write_parameters
-from .evaluate import Evaluation
+from .evaluate import HOPELESS, Evaluation
 from .optimise import Result
 
 
@@ -55,9 +55,9 @@ def verdict(result: Result) -> str:
         return (f"{ending}all requirements are met in every case; smallest margin {percent(worst.margin)}; "
                 f"{binding}")
     missed = [row["requirement"] for row in rows(result, result.best) if not row["met"]]
-    at = "ten times or more" if worst.share >= 10.0 else f"at {beside(100.0 * worst.share, 100.0)} % of"
+    below = " or less" * (worst.share >= HOPELESS)
     return (f"{ending}no gains were found that meet {', '.join(missed)}; the worst, {worst.requirement} in case "
-            f"{worst.case}, is {at} its limit; {binding}")
+            f"{worst.case}, has a margin of {percent(worst.margin)}{below}; {binding}")
 
 
 def objectives(result: Result) -> str:
