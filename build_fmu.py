@@ -1,4 +1,4 @@
-"""Build the EM-CAS FMU: parameter file in, FMU out. `python build_fmu.py --help` tells more."""
+"""Build an FMU, as `emcas build` does. `python build_fmu.py --help` prints the options."""
 
 from emcas_fmu.cli import build_command
 

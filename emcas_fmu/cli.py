@@ -1,4 +1,4 @@
-"""The `emcas` command. Exit codes: 0 for success, 1 for a failed check, 2 for a request that cannot be executed."""
+"""The `emcas` command. Exit codes: 0 success, 1 failed check, 2 request that cannot be executed, 130 Ctrl-C."""
 
 from __future__ import annotations
 

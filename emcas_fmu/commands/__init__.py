@@ -1,1 +1,1 @@
-"""The commands of `emcas`, one file each: a function whose arguments are the options, and an EPILOG of examples."""
+"""The commands of `emcas`, one file each in the form that `group.PANELS` describes, and the code that they share."""

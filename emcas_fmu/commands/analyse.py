@@ -1,4 +1,4 @@
-"""`emcas analyse`: compute bandwidth, margins, limits and capability by linear models and describing functions."""
+"""`emcas analyse`: compute bandwidth, margins, limits and capability with linear models and describing functions."""
 
 from __future__ import annotations
 
@@ -22,15 +22,14 @@ def analyse(
     model: common.ModelOption = NONLINEAR,
     at: Annotated[float, common.value("Fin angle of the operating point, in degrees.", "ANGLE")] = 0.0,
     torque: Annotated[float, common.value("Constant hinge moment at the operating point, in N.m.", "MOMENT")] = 0.0,
-    locus: Annotated[str | None, common.value("Parameter of the root locus. Default: the first gain of the controller.",
-                                              "NAME")] = None,
-    rod: Annotated[Path | None, common.value("Shaft and screw for the natural frequencies (TOML). Its values override "
-                                             "models/rod.toml.", "FILE")] = None,
+    locus: Annotated[str | None, common.value("Parameter that the root locus varies. Default: the controller's first "
+                                              "gain.", "NAME")] = None,
+    rod: Annotated[Path | None, common.value("Shaft and screw for the natural frequencies (TOML). The file's values "
+                                             "override those in models/rod.toml.", "FILE")] = None,
     as_json: common.JsonOption = None,
     report: common.ReportOption = None,
 ) -> None:
-    """Linearise at an operating point; print bandwidth, margins, final values, limits, natural frequencies, capability.
-    """
+    """Print bandwidth, margins, final values, limits, natural frequencies and capability at an operating point."""
     from ..api import analyse as run
 
     common.check_outputs(as_json, report, inputs=(parameters, rod))
@@ -54,6 +53,6 @@ def analyse(
         common.say(escape(f"{reason}."))
     if rod := figures["modes"]:
         common.say("The thesis states natural frequencies of {axial_rad_per_s_over_hz:.1f} and "
-                   "{torsional_rad_per_s_over_hz:.1f} times the bandwidth, but divides rad/s by Hz; the factors "
-                   "are {axial_over_bandwidth:.1f} and {torsional_over_bandwidth:.1f}.".format(**rod["thesis"]))
+                   "{torsional_rad_per_s_over_hz:.1f} times the bandwidth, but divides rad/s by Hz; the correct "
+                   "factors are {axial_over_bandwidth:.1f} and {torsional_over_bandwidth:.1f}.".format(**rod["thesis"]))
     common.print_written(as_json, report)

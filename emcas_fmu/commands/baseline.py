@@ -14,7 +14,7 @@ from rich.markup import escape
 from ..support.files import as_given
 from . import common
 
-_LOG_WIDTH = 110
+_LOG_WIDTH = 110  # columns of the table in a log file, which has no width
 
 app = typer.Typer(add_completion=False, rich_markup_mode="rich", no_args_is_help=True,
                   epilog=common.examples("baseline", "record my_actuator.toml --output baseline",
@@ -28,7 +28,7 @@ app = typer.Typer(add_completion=False, rich_markup_mode="rich", no_args_is_help
 @common.failures()
 def record(
     subject: common.SubjectArgument = None,
-    output: Annotated[Path, common.value("Folder for the baseline. Limits and cases in it are kept.",
+    output: Annotated[Path, common.value("Folder for the baseline. Limits and cases already there are kept.",
                                          "DIR", "--output", "-o")] = Path("baseline"),
     model: common.SubjectModelOption = None,
     fin: common.FinOption = None,
@@ -36,7 +36,7 @@ def record(
     fresh: Annotated[bool, typer.Option("--fresh", help="Use the shipped limits and cases instead of those in "
                                                             "the folder.")] = False,
 ) -> None:
-    """Approve the present response: write its figures and trajectories as text files to commit."""
+    """Write the figures and trajectories of the present, approved response as text files to commit."""
     from ..studies.baseline import comparison, files
     from ..studies.baseline.model import FILE
 
@@ -76,8 +76,8 @@ def check(
     model: common.SubjectModelOption = None,
     fin: common.FinOption = None,
     parameters: common.ParametersOption = None,
-    everything: Annotated[bool, typer.Option("--all", help="Show every comparison. Otherwise: those that drifted, and "
-                                                           "of each other case the one nearest to its limit.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Show every comparison, not only those that drifted and, in "
+                                                           "each other case, the one nearest to its limit.")] = False,
     as_json: Annotated[Path | None, common.json_option("Write all comparisons to this file.")] = None,
     junit: common.JunitOption = None,
     markdown: Annotated[Path | None, common.value("Append the table to this file, such as $GITHUB_STEP_SUMMARY.",
@@ -98,7 +98,6 @@ def check(
     common.write_results(result, (junit, output.write_junit),
                          (markdown, lambda each, path: output.append_markdown(each, advice, path, everything)),
                          (report, lambda each, path: output.write_report(each, advice, path)))
-    # A log file has no width, and a table with wrapped lines is hard to read in it.
     console = common.out if common.out.is_terminal else Console(width=_LOG_WIDTH)
     for part in output.summary(result, everything):
         console.print(part, highlight=False)

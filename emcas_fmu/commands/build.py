@@ -33,13 +33,11 @@ def build(
     platform: Annotated[list[str] | None, common.value(
         "Build for this platform only: linux64, win64, darwin64 (macOS on Intel and Apple processors), aarch64-linux; "
         "native only. Repeatable.", "NAME")] = None,
-    cc: Annotated[str | None, common.value("System C compiler, which replaces zig and builds for this platform only; "
-                                           "native only.",
+    cc: Annotated[str | None, common.value("System C compiler instead of zig, for this platform only; native only.",
                                            "PROGRAM", "--cc")] = None,
     model: common.ModelOption = NONLINEAR,
     fins: Annotated[int, common.value("Number of actuators in the FMU, all on one supply. With 4 the model is called "
-                                      "EMCAS4.",
-                                      "N")] = 1,
+                                      "EMCAS4.", "N")] = 1,
     layout: common.LayoutOption = None,
     fin: common.FinFilesOption = None,
     names: Annotated[str, common.value(
@@ -49,17 +47,17 @@ def build(
         "Inputs of the FMU: all, or minimal (fin_command and aero_torque; the others become parameters). Minimal is "
         "for tools that require every input to be connected, or set unconnected inputs to 0.", "all|minimal")] = "all",
     identifier: Annotated[str | None, common.value(
-        "Model identifier, a C identifier: the name of library and header. It begins the names of C functions where "
+        "Model identifier, a C identifier: the name of library and header, and the prefix of the C functions if "
         "several FMUs are compiled into one program. Default: the model's name.", "NAME")] = None,
     part: Annotated[str | None, common.value(
-        "Half of the actuator, if hardware replaces the other: controller (input: measured angle, output: reference) "
-        "or plant (input: reference).", "controller|plant")] = None,
+        "Build half of the actuator, for hardware as the other half: controller (input: measured angle, output: "
+        "reference) or plant (input: reference).", "controller|plant")] = None,
     interface: Annotated[str, common.value(
-        "What the FMU computes: angle (of the fin under the host's load) or torque (on a fin that is a body in the "
-        "host's model).", "angle|torque")] = "angle",
+        "Result of the FMU: angle (of the fin under the host's load) or torque (on a fin that is a body in the host's "
+        "model).", "angle|torque")] = "angle",
     references: Annotated[bool, typer.Option(
-        help="Embed reference responses, which any host can repeat. Changed parameters need a second or more for "
-             "their integration. FMUs of --part and --interface torque have none.")] = True,
+        help="Embed reference responses, which any host can repeat. With changed parameters their integration takes a "
+             "second or more. FMUs of --part and --interface torque have none.")] = True,
     output: Annotated[Path | None, common.value("FMU to write. Default: EMCAS.fmu, EMCAS4.fmu with --fins 4, or the "
                                                 "name of --identifier.", "FILE", "--output", "-o")] = None,
 ) -> None:
@@ -81,5 +79,5 @@ def build(
     common.say(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})")
     if parameters:
-        common.say(f"still {escape(in_words(chosen, remaining_estimates(chosen)))}; emcas parameters lists them, with "
-                   "the same options")
+        common.say(f"still {escape(in_words(chosen, remaining_estimates(chosen)))}; emcas parameters, with the "
+                   "same options, lists them")

@@ -25,26 +25,26 @@ def calibrate(
              "its unit in the header, as in motor_current [A].", metavar="FILE...")],
     free: Annotated[list[str], common.value(
         "Parameters to fit, separated by commas, as NAME or NAME=LOWER..UPPER UNIT. Default bounds: a fifth of the "
-        "value and five times the value. Repeatable.", "NAME[=BOUNDS]", "--free")],
+        "initial value and five times this value. Repeatable.", "NAME[=BOUNDS]", "--free")],
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     prior: Annotated[list[str] | None, common.value(
         "Prior knowledge of a free parameter: NAME=VALUE+-SIGMA UNIT. Repeatable.", "NAME=VALUE+-SIGMA")] = None,
     hold_out: Annotated[list[Path] | None, common.value(
-        "CSV file that only judges the fit and is not fitted. Repeatable.", "FILE")] = None,
+        "CSV file that is not fitted but compared with the fitted model. Repeatable.", "FILE")] = None,
     compare: Annotated[list[str] | None, common.value(
         "Output to compare. Default: every output that all fitted files have. Repeatable.", "OUTPUT")] = None,
     delays: Annotated[bool, typer.Option("--delays", help="Also fit the delay of each measured output.")] = False,
     robust: Annotated[bool, typer.Option(
-        "--robust", help="Weight large errors in proportion to their size, not to its square: for records with "
-                         "stick and slip or outliers.")] = False,
+        "--robust", help="Weight large errors by their size instead of its square: for records with stick and slip "
+                         "or outliers.")] = False,
     seed: Annotated[int, common.value("Seed of the starting points.", "N", min=0)] = 1,
     output: Annotated[Path | None, common.output_option(
         "Write a parameter file: the fitted values and the changes in --parameters.")] = None,
     report: common.ReportOption = None,
     as_json: common.JsonOption = None,
 ) -> None:
-    """Fit parameters of an actuator so that its simulation follows measurements; compute their uncertainties.
+    """Fit parameters of an actuator so that its simulation follows measurements; compute uncertainties.
 
     The measured inputs drive the actuator, and its outputs are compared with the measured outputs. Exit code 1: the
     records do not determine a parameter, the fit is poor or has not settled, a value is at its bound or far from its

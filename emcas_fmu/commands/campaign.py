@@ -27,28 +27,28 @@ def campaign(
     file: Annotated[Path, typer.Argument(help="Campaign: factors, experiments, number of samples (TOML); see "
                                               "models/campaign.toml.", metavar="FILE")],
     output: Annotated[Path | None, common.value(
-        "Folder for the results. Default: FILE_results in this folder. With --only: CSV file for the sample's signals.",
+        "Folder for the results. Default: ./FILE_results. With --only: CSV file for the sample's signals.",
         "FOLDER", "--output", "-o")] = None,
     fmu: Annotated[Path | None, common.value("Simulate this FMU instead of the package's kernel: slower, same figures.",
                                              "FILE.fmu")] = None,
     fin: common.FinOption = None,
     model: Annotated[str | None, common.model_option(
-        "Actuator, instead of the one in FILE", " With --fmu the FMU's own model is used; name it only if your own "
-                                                "Python file declares it.")] = None,
+        "Actuator, instead of the one in FILE", " With --fmu leave it out, unless your own Python file declares the "
+                                                "FMU's actuator.")] = None,
     requirements: Annotated[str | None, common.value(
         "Judge every sample's parameters by the requirements in this file, or by the shipped ones, and compute the "
-        "probability that each is met; docs/use/requirements.md.", "FILE.toml|shipped")] = None,
+        "probability that each requirement is met; docs/use/requirements.md.", "FILE.toml|shipped")] = None,
     workers: Annotated[int | None, common.value(
         "Number of worker processes. Default: one per processor. 0: run in this process, without Dask.", "N",
         min=0)] = None,
     scheduler: Annotated[str | None, common.value("Address of a Dask scheduler, whose workers replace local processes.",
                                                   "ADDRESS")] = None,
-    chunk: Annotated[int | None, common.value("Samples per task, and per file of the results. Default: by their "
-                                              "duration.", "N", min=1)] = None,
+    chunk: Annotated[int | None, common.value("Samples per task, and per file of the results. Default: by the "
+                                              "number and duration of samples.", "N", min=1)] = None,
     only: Annotated[int | None, common.value("Run only this sample, in this process, and print it.", "INDEX")] = None,
     plot: Annotated[Path | None, common.plot_option(
-        "With --only, plot the sample's signals over time", " Each of several experiments has a file, as in "
-        "FILE_step.html; the same holds for --output.")] = None,
+        "With --only, plot the sample's signals over time", " With several experiments each has a file, such as "
+        "FILE_step.html, also for --output.")] = None,
     report: Annotated[Path | None, common.page_option(
         what="Write the summary page to this file. Default: summary.html in the folder.")] = None,
     as_json: Annotated[Path | None, common.json_option(
@@ -60,7 +60,7 @@ def campaign(
     if workers is not None and scheduler is not None:
         raise EmcasError("--workers starts local processes, --scheduler uses a cluster: give one of them")
     if only is None and plot is not None:
-        raise EmcasError(f"--plot {plot}: plots one sample; choose it with --only")
+        raise EmcasError(f"--plot {plot}: the plot shows one sample; choose it with --only")
     if only is not None and report is not None:
         raise EmcasError(f"--report {report}: the page is about all samples; with --only, use --plot")
     inputs = (file, fmu, Path(requirements) if requirements else None)
@@ -105,8 +105,7 @@ def campaign(
     if kept < study.samples:
         common.err.print(f"[bold red]error:[/] {study.samples - kept} of {study.samples} samples are missing in "
                          f"{escape(str(folder))}; run the same command again", soft_wrap=True)
-        raise typer.Exit(1)
-    if summary.failed == summary.done:
+    if kept < study.samples or summary.failed == summary.done:
         raise typer.Exit(1)
 
 

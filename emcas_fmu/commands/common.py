@@ -52,7 +52,7 @@ INTERRUPTED = 130
 
 
 class _Notes(logging.Handler):
-    """Prints announcements of slow work on standard error."""
+    """Prints announcements of slow work, such as compiling, on standard error."""
 
     def emit(self, record: logging.LogRecord) -> None:
         err.print(escape(record.getMessage()), style="dim", soft_wrap=True)
@@ -80,7 +80,7 @@ def failures() -> Iterator[None]:
 
 @failures()
 def _file(argument: Path | None) -> Path | None:
-    """Return the path of the file that an argument names; it may name a shipped set. Raises typer.Exit."""
+    """Return the path of the file, or of the shipped set, that an argument names. Raises typer.Exit."""
     from ..parameters import parameter_file
 
     return argument and parameter_file(argument)
@@ -100,9 +100,9 @@ def _date(text: str) -> str:
 
 
 def ends_in(ending: str, remedy: str = "") -> Callable[[Path | None], Path | None]:
-    """Return a callback that checks the path of a file: it must have the ending, or be a terminal or a pipe.
+    """Return a callback that refuses a file's path without the `ending`, in a message that ends with the `remedy`.
 
-    The callback accepts folders: `check_outputs` refuses them.
+    The callback accepts terminals, pipes and folders; `check_outputs` refuses folders.
     """
     @failures()
     def check(path: Path | None) -> Path | None:
@@ -113,20 +113,20 @@ def ends_in(ending: str, remedy: str = "") -> Callable[[Path | None], Path | Non
     return check
 
 
-def value(what: str, metavar: str, *names: str, ending: str = "", remedy: str = "", **more: Any) -> Any:
-    """Return an option with a value: its help, its metavar, and its `names` if they differ from the argument's name.
+def value(what: str, metavar: str, *names: str, ending: str = "", **more: Any) -> Any:
+    """Return an option with a value; `what` is its help, `names` are needed if they differ from the argument's name.
 
-    If the value is a file, `ending` is the required ending of its name, and `remedy` follows in the message for
-    another ending. `more` are arguments of typer.Option.
+    If the value is a file, `ending` is the required ending of its name. `more` are arguments of typer.Option.
     """
     if ending:
-        more["callback"] = ends_in(ending, remedy)
+        more["callback"] = ends_in(ending)
     return typer.Option(*names, help=what, metavar=metavar, **more)
 
 
 def page_option(*names: str, what: str = "Write a page with pictures to this file.") -> Any:
     """Return the option for a page."""
-    return value(what, "FILE.html", *names, ending=".html", remedy="; print the page from a browser for another format")
+    return value(what, "FILE.html", *names,
+                 callback=ends_in(".html", "; print the page from a browser for another format"))
 
 
 def json_option(what: str) -> Any:
@@ -145,7 +145,7 @@ def plot_option(what: str, more: str = "") -> Any:
                  callback=failures()(check_ending))
 
 
-def _whole(model: str | None) -> str | None:
+def _not_fmu_only(model: str | None) -> str | None:
     """Return the model of an option. Raises EmcasError for a model that exists only as an FMU."""
     if only := [each for each in FMU_ONLY if model and each in split(model)[1]]:
         what, option = ("half an actuator", "part") if only[0] in HALVES else ("an output torque", "interface")
@@ -158,11 +158,11 @@ def model_option(what: str, more: str = "") -> Any:
     """Return the option --model; `what` begins its help, `more` ends it."""
     return value(f"{what}: {', '.join(NAMES)}, or a Python file that declares one. Append extensions with +, as in "
                  f"elastic+heat+faults: {', '.join(EXTENSIONS)}.{more}", "NAME|FILE.py[+EXTENSION...]", "--model",
-                 callback=failures()(_whole))
+                 callback=failures()(_not_fmu_only))
 
 
 def examples(command: str, *arguments: str, first: str = "Examples:", last: Sequence[str] = ()) -> str:
-    """Return the end of a command's help: examples with its arguments, then the lines of `last`, all as paragraphs."""
+    """Return the end of a command's help, in paragraphs: `first`, an example for each of the `arguments`, `last`."""
     return "\n\n".join([first, *(f"  emcas {command} {each}".rstrip() for each in arguments), *last])
 
 
@@ -189,8 +189,7 @@ DateOption = Annotated[str, value("Date to print, such as 2026-03-31. Default: S
 ReportOption = Annotated[Path | None, page_option()]
 RequirementsOption = Annotated[Path | None, value(
     "File of requirements (TOML). Default: the actuator's in models/requirements, otherwise models/requirements.toml; "
-    "docs/use/requirements.md.",
-    "FILE.toml", ending=".toml")]
+    "docs/use/requirements.md.", "FILE.toml", ending=".toml")]
 
 
 def placed(fins: int, layout: str | None, arguments: Iterable[str] | None) -> tuple[str, dict[int, Path]]:
@@ -329,11 +328,11 @@ def check_outputs(*files: Path | None, folders: Iterable[Path] = (),
 
 
 def progress_bar() -> Bars:
-    """Return a progress bar with the remaining time; it is on standard error, and disappears at its end."""
-    # Disabled without a terminal, where it would leave an empty line. Steps may take minutes: the remaining time is
+    """Return a progress bar on standard error with the remaining time; it disappears at the end of the work."""
+    # Disabled without a terminal, where it would leave an empty line. A step may take minutes, so the remaining time is
     # estimated from the steps of the last hour.
     return Bars(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-                TextColumn("left about"), TimeRemainingColumn(), console=err, transient=True,
+                TextColumn("remaining about"), TimeRemainingColumn(), console=err, transient=True,
                 speed_estimate_period=3600.0, disable=not err.is_terminal)
 
 

@@ -19,8 +19,8 @@ EPILOG = common.examples(
 def compare(
     sets: Annotated[list[str] | None, typer.Argument(
         help="Shipped sets (emcas parameters --sets), parameter files (TOML), the word default for the default set, or "
-             "actuators (names or Python files), which are compared with their default sets. Default: the default set "
-             "and, for an actuator with a current loop, its three readings.", metavar="[SET|FILE|ACTUATOR]...",
+             "actuators (names or Python files) with their default sets. Default: the default set and, for an "
+             "actuator with a current loop, drive-si, drive-scaled and drive-pi.", metavar="[SET|FILE|ACTUATOR]...",
         show_default=False)] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 EPILOG = common.examples("envelope", "", '--duration "30 s" --plot envelope.svg --output envelope.csv',
                          "-p my_motor.toml --duration 500ms --preload 0.8 --json envelope.json")
-
-
 _ROWS = {"current / A": "current_a", "limited by": "bound_by", "  heat / A": "heat_current_a",
          "  i2t / A": "i2t_current_a", "  peak / A": "peak_current_a", "torque at standstill / N.m": "stall_torque_nm",
          "voltage limits from / rpm": "corner_speed_rad_per_s", "no-load speed / rpm": "no_load_speed_rad_per_s",
@@ -30,13 +28,13 @@ def envelope(
     parameters: common.ParametersOption = None,
     model: common.ModelOption = "nonlinear+heat",
     duration: Annotated[str, common.value("Duration of the short-term torque, with its unit.", "TIME")] = "10 s",
-    preload: Annotated[float, common.value("Share of the continuous current that has flowed for a long time before. "
-                                           "0: the motor is at ambient temperature.", "SHARE")] = 0.0,
+    preload: Annotated[float, common.value("Current that has flowed for a long time before, as a share of the "
+                                           "continuous one. 0: the motor is at ambient temperature.", "SHARE")] = 0.0,
     output: Annotated[Path | None, common.output_option("Write the curves to this CSV file (in SI).", ".csv")] = None,
     plot: Annotated[Path | None, common.plot_option("Plot the envelopes")] = None,
     as_json: Annotated[Path | None, common.json_option("Write currents, temperatures and speeds to this file.")] = None,
 ) -> None:
-    """Compute torque-speed envelopes of motor and drive within winding temperature, I2t, peak current and voltage."""
+    """Compute torque-speed envelopes from limits of winding temperature, I2t, peak current and voltage."""
     from ..bench.conditions import resting_on
     from ..bench.writers import write_csv
     from ..units import UnitError, quantity

@@ -24,8 +24,8 @@ def explore(
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     settings: Annotated[list[str] | None, common.value(
-        "Initial value of a parameter, or a constant input, in the page; with a unit, otherwise in the variable's "
-        "unit. Repeatable.", "NAME=VALUE", "--set")] = None,
+        "Initial value of a parameter, or constant value of an input, with a unit or in the variable's unit. "
+        "Repeatable.", "NAME=VALUE", "--set")] = None,
     requirements: common.RequirementsOption = None,
     output: Annotated[Path, common.page_option("--output", "-o", what="Page to write.")] = Path("explore.html"),
     date: common.DateOption = "",
@@ -55,7 +55,7 @@ def explore(
         *(part for each in settings or () for part in ("--set", each)),
         *common.option("--requirements", requirements and as_given(requirements)),
         *common.option("--output", output), *common.option("--date", date, "")])
-    with common.err.status("compiling the actuator for the browser; zig builds its library first, once, in a minute"):
+    with common.err.status("compiling the actuator for the browser; at first, zig builds its C library, in a minute"):
         page = render(ParameterSubject(chosen, files), constants, command, date or today(), requirements)
     size = write(output, page)
     common.print_written(output)

@@ -1,4 +1,4 @@
-"""The group of commands. Each command is imported when it is called: help and version appear at once."""
+"""The group of commands. A command is imported only when it is called, so that help and version appear at once."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ UNREAD = 141
 """Exit code of a command whose reader has closed the pipe; shells report the same for any program."""
 
 # Commands by the panels of `emcas --help`, in its order. The module with a command's name, in this folder, has either a
-# function of that name and an EPILOG, or an `app` of several commands. Its first line is the one in `emcas --help`.
+# function of that name, whose arguments are the options, and an EPILOG of examples, or an `app` of several commands.
+# The first line of the module describes the command in `emcas --help`.
 PANELS: Mapping[str, tuple[str, ...]] = {
     "Use": ("init", "simulate", "build", "parameters", "ssp"),
     "Design": ("explore", "analyse", "envelope", "compare", "identify", "calibrate", "tune", "fit"),
@@ -66,7 +67,7 @@ def load(name: str, program: str = "") -> Any:
 
 
 def readable(command: Any) -> Any:
-    """Change a command's help to wrap at the terminal's width only, and to show no types; return the command."""
+    """Return a command after changing its help, which then wraps only at the terminal's width and shows no types."""
     command.help = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(command.help or ""))
     for parameter in command.get_params(typer.Context(command)):  # with --help
         if parameter.param_type_name == "argument":
@@ -79,7 +80,8 @@ def readable(command: Any) -> Any:
 
 
 class _Printed:
-    """Standard output that ends the program if writing fails, without a message if its reader has closed the pipe.
+    """Standard output that ends the program if writing fails: with one line and exit code 2, or with UNREAD alone if
+    the reader has closed the pipe.
 
     An OSError would look like the error of a file, and libraries that print handle it in different ways.
     """
@@ -116,7 +118,7 @@ class _Printed:
 
 @contextmanager
 def printing() -> Iterator[None]:
-    """End a command whose standard output cannot be written: one line and exit code 2, no traceback."""
+    """End a command whose standard output cannot be written, without a traceback, as :class:`_Printed` describes."""
     stream = sys.stdout
     if stream is None:  # closed by the shell
         yield
@@ -153,7 +155,7 @@ class LazyGroup(TyperGroup):
             return super().main(*args, **named)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the arguments, and store them while the command runs: a page names the command that made it."""
+        """Parse the arguments, and store them while the command runs, for pages, which name their command."""
         check_environment()
         if args and args[0] in self.commands:
             from ..pages.provenance import made_by

@@ -61,14 +61,14 @@ def _identify(kind: str, files: list[Path], parameters: list[Path] | None, outpu
 
 def check_outputs(files: list[Path], parameters: list[Path] | None, output: Path | None, report: Path | None,
                   as_json: Path | None) -> None:
-    """Check outputs as `common.check_outputs` does; `output` may overwrite a parameter file: experiments chain."""
+    """Check outputs as `common.check_outputs` does; `output` may overwrite one of the `parameters`."""
     common.check_outputs(report, as_json, inputs=(files, parameters))
     common.check_outputs(output, report, as_json, inputs=(files,))
 
 
 def write(result: Identification, parameters: list[Path] | None, output: Path | None, report: Path | None,
           as_json: Path | None) -> None:
-    """Write the requested files of a result; its base set was read from the files `parameters`."""
+    """Write the requested files of a result, whose base set was read from the files `parameters`."""
     from ..studies.identification.result import write_identified
 
     common.write_results(result, (output, lambda each, path: write_identified(each, path, parameters or ())),
@@ -93,7 +93,7 @@ def friction(
     files: FilesArgument, parameters: common.ParametersOption = None, output: OutputOption = None,
     report: common.ReportOption = None, as_json: common.JsonOption = None,
     keep_cold_ratios: Annotated[bool, typer.Option(
-        "--keep-cold-ratios", help="Keep the parameters' ratios of cold to warm friction: for sweeps at one "
+        "--keep-cold-ratios", help="Keep the ratios of cold to warm friction from --parameters: for sweeps at one "
                                    "temperature.")] = False,
 ) -> None:
     """Identify viscous and Coulomb friction per direction, and cold-to-warm ratios, from sweeps at constant speed.

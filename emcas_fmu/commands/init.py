@@ -27,8 +27,8 @@ def init(
 ) -> None:
     """Write a parameter file to fill in from datasheets, and files for tuning, campaign and requirements.
 
-    The parameter file lists, as comments, each value that a datasheet, a drawing or the controller has: its name there,
-    its unit, the default value and the source of the default.
+    The parameter file lists, as comments, every value that a datasheet, a drawing or the controller can provide, with
+    its usual name there, its unit, its default and the source of the default.
     """
     from ..studies.starter import commands, starter_files
 

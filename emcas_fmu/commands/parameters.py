@@ -30,8 +30,8 @@ def parameters(
     sets: Annotated[bool, typer.Option(
         "--sets", help="List the shipped sets, whose names --parameters accepts.")] = False,
     sensitivity: Annotated[float | None, common.value(
-        "Order the remaining estimates by their effect: the largest change of the fin angle by a 10 % change of each, "
-        "in a step to half of command.limit against this hinge moment in N.m (0: none).", "TORQUE")] = None,
+        "Order the remaining estimates by their effect: the largest change of the fin angle if one estimate changes by "
+        "10 %, in a step to half of command.limit against this hinge moment in N.m (0: none).", "TORQUE")] = None,
 ) -> None:
     """Check a parameter set and print it with units and sources; with --parameters, also the remaining estimates."""
     from ..studies.overview import amounts_to, by_effect, remaining_estimates

@@ -18,12 +18,12 @@ EPILOG = common.examples(
 
 
 def reference(
-    directory: Annotated[Path | None, common.value("Folder of the reference files. Default with --check: that of the "
-                                                   "package.", "DIR")] = None,
+    directory: Annotated[Path | None, common.value("Folder of the reference files. Default with --check: the "
+                                                   "package's.", "DIR")] = None,
     case: Annotated[list[str] | None, common.value("Only this case. Repeatable.", "NAME")] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
-    check: Annotated[bool, typer.Option("--check", help="Compare with the files in the folder instead.")] = False,
+    check: Annotated[bool, typer.Option("--check", help="Compare with the files in the folder, write none.")] = False,
 ) -> None:
     """Compute the reference responses by independent integration; write them, or check stored ones."""
     from ..reference import files
@@ -35,7 +35,7 @@ def reference(
         raise EmcasError("--parameters and --model need --directory: the shipped references are for the default "
                          "actuator with its default parameters")
     folder = directory or models_directory() / "reference"
-    if not check:  # the folder first: the names of the files in it depend on the parameters
+    if not check:  # the folder first, since the names of its files depend on the parameters
         common.check_outputs(folders=(folder,))
     chosen = common.parameter_set(parameters, model)
     if not check:

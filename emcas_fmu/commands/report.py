@@ -23,7 +23,7 @@ def report(
     fin: common.FinOption = None,
     mission: Annotated[Path | None, common.value("Mission profile instead of the synthetic one: CSV of time (s) and "
                                                  "inputs in SI.", "FILE.csv")] = None,
-    load: Annotated[float | None, common.value("Rated hinge moment of the article in N.m. Default: 100 (Table 2).",
+    load: Annotated[float | None, common.value("Rated hinge moment in N.m. Default: 100 (Table 2 of the thesis).",
                                                "MOMENT")] = None,
     document: Annotated[str, common.value("Document number of the report.", "TEXT")] = "",
     revision: Annotated[str, common.value("Revision of the report.", "TEXT")] = "",
@@ -39,7 +39,7 @@ def report(
 
     common.check_outputs(output, as_json, junit, inputs=(article, parameters, requirements, mission))
     if load is not None and not 0.0 < load < float("inf"):
-        raise EmcasError(f"--load {load:g}: must be above 0, in N.m")
+        raise EmcasError(f"--load {load:g}: must be finite and above 0, in N.m")
     with common.work("test") as step, common.open_subject(article, model, fin, parameters) as subject:
         profile = csv_file(mission, model=subject.model) if mission else None
         result = carry_out(subject, load=load or RATED, profile=profile, progress=step,

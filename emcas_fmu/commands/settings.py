@@ -18,9 +18,9 @@ _FIN = re.compile(r"fin\[(\d+)\]\.(.+)")
 
 def read_settings(texts: Iterable[str], interface: FmuInterface) -> tuple[
         Mapping[int, dict[str, object]], dict[str, float], dict[str, float]]:
-    """Return the values of --set: parameters by fin (0: all fins), parameters of the supply, and constant inputs [SI].
+    """Return the values of --set: parameters by fin (0: all fins), parameters of the supply, and constant inputs.
 
-    The fins' parameters are as typed: numbers, or texts with a unit. Raises EmcasError.
+    The values are in SI, but those of fins as typed: numbers, Booleans, or texts with a unit. Raises EmcasError.
     """
     inputs = {v.name: v for v in (*interface.actuator.inputs, *interface.inputs)}
     supply = {v.name: v for each in LINES.values() for v in each.parameters} if interface.fins > 1 else {}

@@ -28,8 +28,6 @@ EPILOG = common.examples(
     "--input flight.csv -p my_actuator.toml --json figures.json",
     "--step 10 --model elastic+faults --set fault.jam.begin='80 ms' --set fault.jam.end='1 s' --plot jam.png",
     "--fins 4 --fin 2=my_actuator.toml --step 10 --set bus.source_resistance=0.02 --plot fins.html")
-
-
 # Bounds of command and load: half a turn in either direction, and a thousand times the rated hinge moment of Table 2.
 _STEP, _TORQUE = In("deg", -180.0, 180.0), In("N.m", -1e5, 1e5)
 
@@ -63,18 +61,18 @@ def simulate(
         "hydraulic supply, the supply sags. roll_command, pitch_command and yaw_command are mixed into all commands.",
         "NAME=VALUE", "--set")] = None,
     fins: Annotated[int, common.value("Number of actuators on one supply, all with the same case, step or columns; a "
-                                      "column such as fin[2].fin_command is for one fin. Computed in Python, slower.",
-                                      "N")] = 1,
+                                      "column such as fin[2].fin_command is for one fin. Several fins are computed in "
+                                      "Python, more slowly.", "N")] = 1,
     layout: common.LayoutOption = None,
     fin: common.FinFilesOption = None,
-    stop: Annotated[float | None, common.value("End of the simulation. Default: 0.5 with --step, otherwise that of "
-                                               "the input.", "SECONDS")] = None,
+    stop: Annotated[float | None, common.value("End of the simulation. Default: 0.5 with --step, the last row with "
+                                               "--input.", "SECONDS")] = None,
     interval: Annotated[float | None, common.value("Communication step. Default: 0.001, or that of the case.",
                                                    "SECONDS")] = None,
-    kernel: Annotated[str, common.value("compiled, python, or auto (compiled if that saves time). The numbers "
-                                        "are the same.", "KERNEL")] = "auto",
+    kernel: Annotated[str, common.value("compiled, python, or auto (compiled if that saves time). All give "
+                                        "the same numbers.", "KERNEL")] = "auto",
     output: Annotated[Path | None, common.output_option("Write every signal to this CSV file.", ".csv")] = None,
-    plot: Annotated[Path | None, common.plot_option("Plot the actuator's outputs, by their units,")] = None,
+    plot: Annotated[Path | None, common.plot_option("Plot the actuator's outputs, grouped by unit,")] = None,
     as_json: common.JsonOption = None,
 ) -> None:
     """Simulate a step, a reference case or a file of inputs, without an FMU."""
@@ -91,7 +89,7 @@ def simulate(
     common.check_outputs(output, plot, as_json, inputs=(parameters, files.values(), input_file))
     for name, value in (("--stop", stop), ("--interval", interval)):
         if value is not None and not 0.0 < value < float("inf"):
-            raise EmcasError(f"{name} {value}: must be above 0")
+            raise EmcasError(f"{name} {value}: must be finite and above 0")
     if case and (stop or interval):
         raise EmcasError("--stop and --interval are for --step and --input: a case has its own; leave them out")
     if torque is not None and step is None:

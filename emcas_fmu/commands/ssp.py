@@ -18,7 +18,7 @@ EPILOG = common.examples(
     "check EMCAS.ssp", "check vehicle.ssp --fmu EMCAS.fmu --json findings.json")
 
 app = typer.Typer(add_completion=False, rich_markup_mode="rich", invoke_without_command=True, epilog=EPILOG,
-                  help="Write four fins as an SSP 1.0 archive with variants nominal, cold and degraded, or check one.")
+                  help="Write several fins as an SSP 1.0 archive with variants nominal, cold, degraded, or check one.")
 
 
 @app.callback()
@@ -34,8 +34,7 @@ def write(
     fin: common.FinFilesOption = None,
     variant: Annotated[list[str] | None, common.value(
         "Additional variant, or a replacement for cold or degraded, from a file such as models/degraded.toml. "
-        "Repeatable.",
-        "NAME=FILE")] = None,
+        "Repeatable.", "NAME=FILE")] = None,
     border: Annotated[bool, typer.Option("--system-connectors", help="Wire the fins to connectors of the system, such "
                                          "as fin1_fin_command. fmpy's simulate_ssp needs them; libcosim and Ecos "
                                          "refuse them.")] = False,
@@ -72,12 +71,11 @@ def write(
     "ssp check", "EMCAS.ssp", "vehicle.ssp --fmu EMCAS.fmu", "vehicle.ssp --json findings.json"))
 @common.failures()
 def check(
-    ssp: Annotated[Path, typer.Argument(help="Archive to check: by emcas ssp, or of the same structure.",
+    ssp: Annotated[Path, typer.Argument(help="Archive to check, written by emcas ssp or with the same structure.",
                                         metavar="FILE.ssp")],
-    fmu: Annotated[Path | None, common.value("FMU that the archive must contain.",
-                                             "FMU")] = None,
-    guid: Annotated[str | None, common.value("GUID of that FMU, instead of its file.", "GUID")] = None,
-    model: Annotated[str | None, common.model_option("Actuator of an FMU whose name does not contain it")] = None,
+    fmu: Annotated[Path | None, common.value("FMU that the archive must contain.", "FMU")] = None,
+    guid: Annotated[str | None, common.value("GUID of the FMU, instead of --fmu.", "GUID")] = None,
+    model: Annotated[str | None, common.model_option("Actuator of the FMU, if its name does not contain it")] = None,
     as_json: Annotated[Path | None, common.json_option("Write all findings to this file.")] = None,
 ) -> None:
     """Check schema, wiring, units, parameters and FMU of an SSP; exit code 1 if there are errors."""

@@ -21,8 +21,8 @@ EPILOG = common.examples(
 
 def tune(
     study: Annotated[Path | None, typer.Argument(
-        help="Study: requirements, cases and the parameters to tune (TOML). Default: the actuator's in models/tuning, "
-             "otherwise models/tuning.toml.", metavar="FILE")] = None,
+        help="Study: requirements, cases and the parameters to tune (TOML). Default: the actuator's file in "
+             "models/tuning, otherwise models/tuning.toml.", metavar="FILE")] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     requirements: Annotated[Path | None, common.value(
@@ -36,17 +36,17 @@ def tune(
                                       min=0)] = 1,
     generations: Annotated[int, common.value("Generations of the global search.", "N", min=1)] = 12,
     workers: Annotated[int | None, common.value("Number of processes. Default: one per processor.", "N", min=1)] = None,
-    journal: Annotated[Path | None, common.value("Keep every evaluation in this file, and continue from those in it.",
+    journal: Annotated[Path | None, common.value("Store every evaluation in this file, and reuse those already in it.",
                                                  "FILE")] = None,
     pareto: Annotated[list[str] | None, common.value(
-        "Plot the trade-off between two requirements: name each with this option. Default: the two that conflict most.",
+        "Plot the trade-off between two requirements, each named by this option. Default: the two that conflict most.",
         "REQUIREMENT")] = None,
 ) -> None:
     """Find controller gains that meet requirements in all cases, simulated with limits, friction and delay.
 
-    Gains are judged with the digits that are written. The result is never worse than the initial gains. The shipped
-    study takes about a minute on two processors. Ctrl-C ends the search: the best gains so far are shown and written,
-    and the exit code is 130.
+    Gains are rounded as in the parameter file before they are judged. The result is never worse than the initial gains.
+    The shipped study takes about a minute on two processors. Ctrl-C ends the search: the best gains so far are shown
+    and written, and the exit code is 130.
     """
     from ..api import tune as run
     from ..studies.overview import stalled

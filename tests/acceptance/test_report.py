@@ -277,7 +277,7 @@ def test_mission_from_a_file(tmp_path: Path) -> None:
     (["{tmp}/text.txt"], "neither an FMU nor a parameter file"),
     (["{tmp}/text.fmu"], "not a ZIP archive"),
     (["--date", "yesterday"], "expected a date such as 2026-03-31"),
-    (["--load", "-3"], "must be above 0, in N.m"),
+    (["--load", "-3"], "must be finite and above 0, in N.m"),
     (["--output", "{tmp}/absent/report.html"], "make it first"),
     (["--mission", "{tmp}/text.txt"], "cannot be read as a table of numbers"),
     (["--mission", "{tmp}/instant.csv"], "instant.csv"),

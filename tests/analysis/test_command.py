@@ -75,7 +75,7 @@ def test_page_is_whole_and_by_itself(written: tuple[dict[str, Any], str, str]) -
 
 @pytest.mark.slow
 def test_output_points_out_the_unit_slip(written: tuple[dict[str, Any], str, str]) -> None:
-    assert "divides rad/s by Hz; the factors are 6.7 and 22.2" in written[2]
+    assert "divides rad/s by Hz; the correct factors are 6.7 and 22.2" in written[2]
 
 
 def test_help_has_examples() -> None:
