@@ -47,7 +47,7 @@ def to_bytes(root: Element) -> bytes:
 
 
 def describe(interface: FmuInterface) -> str:
-    """Return a description of the FMU in a sentence."""
+    """Return a phrase that describes the FMU."""
     line = f" on one {interface.line.name}" if interface.line else ""
     return interface.actuator.title + ("" if interface.fins == 1 else f"; {interface.fins} fins{line}")
 
@@ -55,8 +55,7 @@ def describe(interface: FmuInterface) -> str:
 def about(interface: FmuInterface, sets: Sequence[ParameterSet], tool: str) -> dict[str, str]:
     """Return the attributes of a model description that only inform people: description, version, author, `tool`, date.
 
-    They do not belong to the interface. `sets` are the fins' parameters. Raises EmcasError for a SOURCE_DATE_EPOCH
-    that is not a number.
+    `sets` are the fins' parameters. Raises EmcasError for a SOURCE_DATE_EPOCH that is not a number.
     """
     hashes = [parameters_hash(each.values) for each in sets]
     digest = hashes[0] if interface.fins == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
@@ -67,7 +66,7 @@ def about(interface: FmuInterface, sets: Sequence[ParameterSet], tool: str) -> d
 
 
 def parameters_in_words(interface: FmuInterface, sets: Sequence[ParameterSet]) -> str:
-    """Return a phrase on the fins' parameters: azimuths, number of values that differ from the default, their files."""
+    """Return a phrase on the fins' parameters: azimuths, and the number and files of values that are not default."""
     angles = [f"{degrees(each.values[AZIMUTH]):g}" for each in sets]
     at = "" if interface.fins == 1 else f"fins at {', '.join(angles)} deg; "
     changed = len(_changed(interface, sets))
@@ -84,7 +83,7 @@ def _changed(interface: FmuInterface, sets: Sequence[ParameterSet]) -> set[str]:
     return changed if interface.fins == 1 else changed - {AZIMUTH}
 
 
-def of_fin(name: str) -> str:
+def without_fin(name: str) -> str:
     """Return a variable's structured name without the prefix of a fin or of an array of all fins."""
     return name.rpartition("].")[2].removeprefix(FINS)
 
@@ -92,11 +91,11 @@ def of_fin(name: str) -> str:
 def type_name(v: Variable) -> str | None:
     """Return the name of a variable's type, which is the same for all fins; None for a variable without a type.
 
-    A Real has the type of its quantity, if any, an enumeration its own. No variable may have the name of a type (FMI
-    2.0.5, section 2.2.3).
+    The type of a Real is its quantity, if any; an enumeration has a type of its own. No variable may have the name of a
+    type (FMI 2.0.5, section 2.2.3).
     """
     if v.items:
-        return of_fin(v.name) + "_type"
+        return without_fin(v.name) + "_type"
     return quantity(v) or None if v.kind == "Real" else None
 
 
@@ -131,7 +130,7 @@ def initial_dependencies(interface: FmuInterface) -> dict[str, tuple[str, ...]]:
 
 def _for_all_fins(interface: FmuInterface, of_one: Mapping[str, Collection[str]], mixed: tuple[str, ...],
                   ) -> dict[str, tuple[str, ...]]:
-    """Return the dependencies of each output of all fins, from those `of_one` actuator.
+    """Return the dependencies of each output of all fins from `of_one`, the dependencies in a single actuator.
 
     With several fins, an output that depends on the command also depends on the variables `mixed`.
     """
@@ -187,6 +186,6 @@ def terminals_and_icons(interface: FmuInterface, arrays: bool = False) -> Elemen
         element("Terminals", {}, (
             element("Terminal", {"name": t.name, "matchingRule": "bus", "description": t.description}, (
                 element("TerminalMemberVariable", {
-                    "variableName": interface.spelt(member), "memberName": interface.spelt(of_fin(member)),
+                    "variableName": interface.spelt(member), "memberName": interface.spelt(without_fin(member)),
                     "variableKind": "signal"}) for member in t.members))
             for t in _terminals(interface, arrays)))])

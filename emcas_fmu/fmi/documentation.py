@@ -47,7 +47,7 @@ def _text(value: Any) -> str:
 
 
 def _rows(interface: FmuInterface, causality: str, sets: Sequence[ParameterSet], fmi: Format) -> list[dict[str, Any]]:
-    """Return the table rows of the variables with a causality; equal values of an array are written once."""
+    """Return the table rows of the variables with a causality; if all values of an array are equal, one is written."""
     entries = {interface.name(e.variable.name, fin): e for fin, p in enumerate(sets) for e in p.entries}
     starts, names = start_values(interface, [p.values for p in sets]), [v.name for v in interface.variables]
     rows, screw = [], capabilities.SCREW_AND_LEVER in interface.actuator.provides
@@ -84,12 +84,12 @@ def _docstring(module: ModuleType) -> str | None:
 
 def _card(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
           platforms: Sequence[str], experiments: Sequence[Experiment]) -> Card:
-    """Return the credibility card of an FMU; every build returns the same."""
+    """Return the credibility card of an FMU; it is the same in every build."""
     configuration = [Fact("FMU", f"FMI {fmi.version}, back end {backend}, for {', '.join(platforms)}", note=guid)]
     reference = Path(str(get(parts(interface.kind)[0]).reference)).name
-    # Two digits: an integration may differ in the last bits between machines.
+    # Two digits, since an integration may differ in the last bits between machines.
     compared = [Fact(f"{each.name}: largest error of fin_angle in {each.stop_time:g} s",
-                     float(f"{degrees(each.off):.2g}"), "deg",
+                     float(f"{degrees(each.difference):.2g}"), "deg",
                      note=f"{each.title}. Against the independent integration of {reference}")
                 for each in experiments if each.independent]
     return card(sets, f"{interface.model}.fmu", configuration, compared)
@@ -124,10 +124,7 @@ def _license(package: str) -> str:
 
 def documents(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
               platforms: Sequence[str], experiments: Sequence[Experiment] = ()) -> dict[str, bytes]:
-    """Return all documentation files of an FMU with binaries for `platforms`, by archive name.
-
-    `experiments` are the references inside it.
-    """
+    """Return all documentation files of an FMU by archive name; `experiments` are the references inside the FMU."""
     credibility = _card(interface, sets, guid, backend, fmi, platforms, experiments)
     wrapper = ("pythonfmu-license.txt is the licence of PythonFMU: of the binaries, and of pythonfmu in resources.\n"
                if backend == "python" else "")

@@ -43,7 +43,7 @@ def _steps(parameters: ParameterSet) -> Figure:
 
 
 def _slew(parameters: ParameterSet) -> Figure:
-    """Plot the response to the largest step, which the limits of voltage, current and rate shape."""
+    """Plot the response to a step to the command limit."""
     limit = float(parameters.values["command.limit"])
     result = simulate(parameters.values, 0.25, step=0.5e-3, kernel="python", model=parameters.model,
                       fin_command=lambda t: limit if t > 0.01 else 0.0)

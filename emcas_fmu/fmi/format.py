@@ -10,14 +10,13 @@ from typing import Any
 import fmpy
 import numpy as np
 
-from .fmi3.absent import absent_header
 from .fmi3.arrays import CLOCK, TIME, Array, arrays
 from .interface import FmuInterface
 
 
 @dataclass(frozen=True)
 class Format:
-    """A version of FMI, with the choices for an FMU.
+    """A version of FMI, with the options of an FMU.
 
     `options` are attributes of the CoSimulation element of the native back end. With `clock` an FMU of FMI 3.0 has a
     clock of the controllers' samples, with `scalars` it has no arrays.
@@ -53,23 +52,14 @@ class Format:
         """The standard's macro that is defined for a shared library, whose functions have no prefix."""
         return f"FMI{self.version}_OVERRIDE_FUNCTION_PREFIX"
 
-    @property
-    def token(self) -> str:
-        """The word for the identification of the interface in the header for hosts: TOKEN or GUID."""
-        return "TOKEN" if self.is_3 else "GUID"
-
     def standard_headers(self) -> dict[str, str]:
         """Return the headers of the FMI standard that fmpy ships, by name; those of FMI 2.0 never add a prefix."""
         headers = (Path(fmpy.__file__).parent / "c-code").glob(f"fmi{self.version}*.h")
         return {header.name: header.read_text(encoding="utf-8") for header in headers}
 
-    def generated(self) -> dict[str, str]:
-        """Return the sources that are generated from the standard's headers, by name."""
-        return {"absent.h": absent_header(self.standard_headers()["fmi3FunctionTypes.h"])} if self.is_3 else {}
-
     def variables(self, interface: FmuInterface) -> tuple[Array, ...]:
         """Return the inputs, outputs and parameters that a host sees, in the order of their value references."""
-        joined = arrays(interface) if self.is_3 else ()  # checks the names of scalars, too
+        joined = arrays(interface) if self.is_3 else ()  # also checks the names of scalars
         listed = joined if self.arrays else tuple(Array(v, i) for i, v in enumerate(interface.variables))
         return tuple(each for each in listed if each.variable.name not in interface.actuator.hidden)
 
@@ -86,7 +76,7 @@ class Format:
         return (*self.variables(interface), *(Array(v, len(interface.variables)) for v in more))
 
     def in_files(self, interface: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        """Return columns or values of all fins by their names in the FMU; in arrays the fins are the last dimension."""
+        """Return columns or values of all fins by their names in the FMU; an array's last dimension is the fins."""
         if not self.arrays:
             return {name if name == "time" else interface.spelt(interface.name(name, fin)): value
                     for fin, each in enumerate(fins) for name, value in each.items()}

@@ -30,7 +30,7 @@ LAYOUTS = ("plus", "cross")
 INPUTS = ("all", "minimal")
 """Inputs of an FMU: all inputs of the actuator, or command and load alone, with the others as tunable parameters."""
 CONNECTIONS = ("angle", "torque")
-"""Result for the host: the fin's angle under a load, or the torque on a fin that the host models."""
+"""Result of an FMU: the fin's angle under a load, or the torque on a fin that the host models."""
 MINIMAL = (fin_port.COMMAND.name, fin_port.AERO_TORQUE.name)
 AZIMUTH = "mounting.azimuth"
 FINS = "fins."
@@ -52,7 +52,7 @@ MIXING = (_mixing("roll", "x (right side down)"), _mixing("pitch", "y (nose up)"
 
 
 def model_name(actuator: str, fins: int = 1) -> str:
-    """Return the name of the model of an actuator: EMCAS, EMCAS4, EMCAS_second_order, EMCAS_heat (nonlinear)."""
+    """Return the name of an actuator's model: EMCAS, EMCAS4, EMCAS_second_order, EMCAS_heat (nonlinear)."""
     several = "" if fins == 1 else f"{fins}"
     return f"EMCAS{several}" + (
         "" if actuator == NONLINEAR else f"_{identifier(actuator.removeprefix(f'{NONLINEAR}+'))}")
@@ -102,9 +102,7 @@ class FmuInterface:
 
     @property
     def identifier(self) -> str:
-        """The model identifier: the name of the library and, where its sources are compiled into a program, the prefix
-        of the functions.
-        """
+        """The model identifier: the name of the library, and the prefix of functions compiled into a program."""
         return self.model if self.own_identifier is None else self.own_identifier
 
     @property
@@ -171,9 +169,7 @@ class FmuInterface:
 
     @cached_property
     def groups(self) -> tuple[tuple[tuple[Variable, ...], tuple[Variable, ...]], ...]:
-        """Inputs, outputs and parameters, each a pair: variables of all fins, and those of one fin by the actuator's
-        names. For a single fin the first of the pair is empty.
-        """
+        """For inputs, outputs and parameters: the variables of all fins (none for a single fin), those of one fin."""
         actuator, supply = self.actuator, self.actuator.supply
         if self.fins == 1:
             inputs = self._connected(actuator.inputs)
@@ -266,7 +262,7 @@ def fin_sets(base: ParameterSet, fins: int, layout: str = "cross",
     `layout` is ``plus`` or ``cross``; the keys of `files` are fin numbers, from 1. Raises EmcasError for an unknown fin
     or layout, or fins that differ in shared values; ParameterError for a file's problems.
     """
-    FmuInterface(fins)
+    FmuInterface(fins)  # raises EmcasError for a wrong number
     angles = azimuths(fins, layout)
     for fin in files:
         if not 1 <= fin <= fins:

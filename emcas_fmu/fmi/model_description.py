@@ -32,7 +32,7 @@ def model_description(fmi: Format, interface: FmuInterface, starts: Sequence[Any
     """Return the fmiModelDescription element of an interface whose variables have the start values `starts`.
 
     `options` are attributes of its CoSimulation element, `about` of the root. With `sources` an element of FMI 2.0
-    lists the files to compile; FMI 3.0 lists them in buildDescription.xml.
+    names the file to compile; FMI 3.0 has it in buildDescription.xml.
     """
     files = [element("SourceFiles", {}, [element("File", {"name": fmi.main})])] if sources and not fmi.is_3 else []
     categories = ((name, words.replace("fmi2", f"fmi{fmi.version}"))

@@ -21,18 +21,18 @@ from ..runtime.compiler import PLATFORMS, Compiler, CompilerError, Platform, fin
 from ..support.progress import LOG, Progress
 from ..trace.c_source import c_number
 from .description import element
+from .fmi3.absent import absent_header
 from .fmi3.arrays import CLOCK, Array
 from .format import FORMATS, Format
 from .interface import MIXING, FmuInterface
 
-# Types of FMI 3.0 in C.
+# Names of the types of FMI 3.0 in interface.h.
 _TYPES = {"Float64": "FLOAT64", "Int32": "INT32", "UInt32": "UINT32", "Enumeration": "INT64", "Boolean": "BOOL",
           "Clock": "TICKS"}
 
 
 def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, code: str, fmi: Format) -> str:
-    """Return interface.h: variables, start values, and the FMU's name and GUID; `code` is a hash of the other sources.
-    """
+    """Return interface.h: variables, start values, the FMU's name and GUID; `code` is a hash of the other sources."""
     rows = ",\n".join(
         f"    {{{c_text(interface.spelt(v.name))}, {'INTEGER' if v.items else v.kind.upper()}, "
         f"{int(v.variability == 'tunable')}, {c_number(v.minimum)}, {c_number(v.maximum)}}}"
@@ -116,15 +116,15 @@ def names_header(interface: FmuInterface, guid: str, fmi: Format) -> str:
 
     ``fin_command`` of EMCAS is ``EMCAS_VR_FIN_COMMAND``, ``fin[2].fin_angle`` of EMCAS4 ``EMCAS4_VR_FIN_2_FIN_ANGLE``.
     """
-    prefix = enumerator(interface.identifier)
-    lines = [f"#define {prefix}_MODEL {c_text(interface.identifier)}", f"#define {prefix}_{fmi.token} {c_text(guid)}"]
+    prefix, token = enumerator(interface.identifier), "TOKEN" if fmi.is_3 else "GUID"
+    lines = [f"#define {prefix}_MODEL {c_text(interface.identifier)}", f"#define {prefix}_{token} {c_text(guid)}"]
     used: set[str] = set()
     for reference, array in fmi.references(interface):
         spelt, name = interface.spelt(array.variable.name), enumerator(array.variable.name)
         name = f"{name}_{reference}" if name in used else name  # a.b_c and a_b.c would have the same name
         used.add(name)
         lines.append(f"#define {prefix}_VR_{name} {reference}u /* {spelt}: {_about(array, fmi)} */")
-    title = f"{interface.identifier}: model identifier, {fmi.token} and value references for a host"
+    title = f"{interface.identifier}: model identifier, {token} and value references for a host"
     return header(f"{interface.identifier}_names", title, "\n".join(lines) + "\n")
 
 
@@ -137,7 +137,9 @@ def sources(interface: FmuInterface, starts: Sequence[Any], guid: str, fmi: Form
     code = {**{file.name: file.read_text(encoding="utf-8") for folder in (f"fmi{fmi.version}", "common")
                for file in files("emcas_fmu.fmi").joinpath(folder).iterdir() if file.name.endswith((".c", ".h"))},
             "multi_fin.h": handwritten("multi_fin.h"),
-            **core_sources(interface.fins > 1, interface.kind, interface.respelt), **fmi.generated()}
+            **core_sources(interface.fins > 1, interface.kind, interface.respelt)}
+    if fmi.is_3:
+        code["absent.h"] = absent_header(fmi.standard_headers()["fmi3FunctionTypes.h"])
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]
     code["interface.h"] = interface_header(interface, starts, guid, digest, fmi)
     included = {name.lower() for text in code.values() for name in re.findall(r'#include ["<](.+)[">]', text)}
@@ -148,7 +150,7 @@ def sources(interface: FmuInterface, starts: Sequence[Any], guid: str, fmi: Form
 
 
 def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
-    """Return the platforms with these names of FMI 2.0 or 3.0; without names all, or with `cc` that of this machine.
+    """Return the platforms by their names in FMI 2.0 or 3.0; by default all, or with `cc` that of this machine.
 
     Raises CompilerError for an unknown platform, or one for which the system compiler `cc` cannot build.
     """
@@ -168,7 +170,7 @@ def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
 
 
 def binaries(identifier: str, files: Mapping[str, str], platforms: Sequence[Platform], cc: str | None,
-             progress: Progress | None = None, fmi: Format = FORMATS["2"]) -> dict[str, bytes]:
+             progress: Progress, fmi: Format) -> dict[str, bytes]:
     """Return the libraries for the platforms by archive name, compiled in parallel on all processors.
 
     Raises CompilerError if there is no compiler or it fails.
@@ -182,21 +184,19 @@ def binaries(identifier: str, files: Mapping[str, str], platforms: Sequence[Plat
         compiled = pool.map(lambda target: compiler.libraries(
             files, fmi.main, target, identifier, (f"-D{fmi.no_prefix}",)), platforms)
         for i, target in enumerate(platforms):
-            if progress:
-                progress(target.name, i, len(platforms))
+            progress(target.name, i, len(platforms))
             by_folder = next(compiled)
             if not fmi.is_3:  # darwin64 is for both kinds of Mac, but some importers look for aarch64-darwin
                 by_folder = {target.name: universal(list(by_folder.values()))} | {
                     folder: library for folder, library in by_folder.items() if folder == "aarch64-darwin"}
             libraries |= {f"binaries/{folder}/{identifier}{target.suffix}": library
                           for folder, library in by_folder.items()}
-    if progress:
-        progress("", len(platforms), len(platforms))
+    progress("", len(platforms), len(platforms))
     return libraries
 
 
 def build_description(identifier: str, fmi: Format) -> Element:
-    """Return the root of buildDescription.xml (FMI 3.0): a configuration for all platforms, and those for Windows.
+    """Return the root of buildDescription.xml (FMI 3.0): a configuration for all platforms, and two for Windows.
 
     The definition that removes the functions' prefix is optional: only tools that build a shared library need it.
     """

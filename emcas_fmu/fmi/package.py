@@ -15,7 +15,7 @@ from ..errors import BuildError
 from ..parameters import ParameterSet
 from ..runtime import codegen
 from ..support.arguments import checked
-from ..support.progress import Progress
+from ..support.progress import Progress, silent
 from ..support.writing import check_target, write_zip
 from . import native, python
 from .description import about, terminals_and_icons, to_bytes
@@ -48,12 +48,12 @@ def interface_guid(starts: tuple[Any, ...], interface: FmuInterface, fmi: Format
 
 
 def _contents(interface: FmuInterface, sets: Sequence[ParameterSet], backend: str, platforms: Sequence[str] | None,
-              cc: str | None, progress: Progress | None, fmi: Format, references: bool,
+              cc: str | None, progress: Progress, fmi: Format, references: bool,
               ) -> tuple[dict[str, bytes], str, tuple[str, ...], tuple[str, ...]]:
     """Return the files of the archive, GUID, platforms, and warnings about the references."""
     starts = start_values(interface, [p.values for p in sets])
     guid = interface_guid(starts, interface, fmi)
-    # Without the versions of Python and compiler: all supported versions give the same FMU except for the binaries.
+    # Not with the versions of Python and compiler: all supported ones give the same FMU except for the binaries.
     tool = f"emcas-fmu {__version__}"
     if backend == "native":
         files, options = native.sources(interface, starts, guid, fmi), fmi.options
@@ -114,7 +114,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
             (inputs != INPUTS[0] and part, f"inputs {inputs}: part {part} has the signals of the other part as inputs; "
              "leave inputs out"),
             ((part or torque) and fins > 1, f"{f'part {part}' if part else 'interface torque'} is for a single fin: "
-             "leave fins out, and use an instance for each")):
+             "leave fins out, and use an instance for each fin")):
         if refused:
             raise BuildError(reason)
     output = Path(output)
@@ -123,8 +123,8 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
     described = FmuInterface(fins, parameters.model, names, inputs, identifier)
     chosen = replace(FORMATS[fmi], clock=clock, scalars=scalars)
-    contents, guid, built_for, of_references = _contents(described, sets, backend, platforms, cc, progress, chosen,
-                                                         references and not described.actuator.hidden)
+    contents, guid, built_for, of_references = _contents(described, sets, backend, platforms, cc, progress or silent,
+                                                         chosen, references and not described.actuator.hidden)
     # modelDescription.xml is first, for readers of a stream.
     write_zip(contents, output, lambda name: (name != "modelDescription.xml", name), "binaries/")
     warnings = dict.fromkeys((*(warning for p in sets for warning in p.warnings), *of_references))

@@ -1,9 +1,9 @@
 """References inside the FMU, by the layered standard FMI-LS-REF: experiments that any host can repeat.
 
-https://github.com/modelica/fmi-ls-ref; experiments, now in a standard of their own, have the format of its version
-1.0.0-alpha.1. The results are those of the actuator's independent integration (:mod:`emcas_fmu.reference`), if it has
-one and its extensions change nothing in the case. Otherwise they are computed by this package's stepping, and labelled
-so.
+https://github.com/modelica/fmi-ls-ref; the format of experiments, now a separate standard, is that of FMI-LS-REF
+1.0.0-alpha.1. The results are those of the actuator's independent integration (:mod:`emcas_fmu.reference`), if there is
+one and the actuator's extensions change nothing in the case. Otherwise this package's stepping computes the results,
+and the FMU says so.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ _SSP = "http://ssp-standard.org/SSP1/SystemStructure"
 
 _SHIPPED = ("step", "load_opposing", "cold", "sag")  # cases of a single fin, if their responses are stored
 _FINS = ("step_plus10", "step_minus5", "step_plus20", "step_minus1")  # cases of several fins in turn
-_FINS_STOP = 0.3  # s: stop time of these; it is short, since each fin may have to be integrated
-# Digits after the first digit of a variable's nominal value. Differences between machines, about 1e-12 of the value,
-# then rarely change a digit; the rounding error is less than a hundredth of the tolerance.
+_FINS_STOP = 0.3  # s: stop time of these cases; it is short, since each fin may have to be integrated
+# Digits kept after the first digit of a variable's nominal value. Differences between machines, about 1e-12 of the
+# value, then rarely change a digit; the rounding error is less than a hundredth of the tolerance.
 _DIGITS = 6
 
 
@@ -61,20 +61,16 @@ class Experiment:
     stimuli: Mapping[str, Array]
     results: Mapping[str, Array]
     independent: bool
-    off: float
-    """Largest difference [rad] between a fin angle in the results and by the FMU's stepping in the build."""
+    difference: float
+    """Largest difference [rad] between the fin angles in the results and those of this package's stepping."""
 
 
 def reference_files(interface: FmuInterface, sets: Sequence[ParameterSet], fmi: Format,
-                    progress: Progress | None = None
-                    ) -> tuple[dict[str, bytes], tuple[str, ...], tuple[Experiment, ...]]:
+                    progress: Progress = silent) -> tuple[dict[str, bytes], tuple[str, ...], tuple[Experiment, ...]]:
     """Return the references of an FMU whose fins have these parameters: files of the archive, warnings, experiments."""
     warnings: list[str] = []
-    experiments = tuple(_experiments(interface, sets, fmi, warnings, progress or silent))
+    experiments = tuple(_experiments(interface, sets, fmi, warnings, progress))
     return (_files(interface, experiments) if experiments else {}), tuple(dict.fromkeys(warnings)), experiments
-
-
-# -- experiments -----------------------------------------------------------------
 
 
 def _experiments(interface: FmuInterface, sets: Sequence[ParameterSet], fmi: Format, warnings: list[str],
@@ -91,7 +87,7 @@ def _experiments(interface: FmuInterface, sets: Sequence[ParameterSet], fmi: For
             name, title, cases[0].stop_time, cases[0].step, fmi.in_files(interface, [case.overrides for case in cases]),
             fmi.in_files(interface, [case.inputs() for case in cases]),
             fmi.in_files(interface, [_rounded(interface, columns) for columns, *_ in fins]),
-            all(independent for _, independent, _ in fins), max(off for *_, off in fins))
+            all(independent for _, independent, _ in fins), max(difference for *_, difference in fins))
 
 
 def _cases(sets: Sequence[ParameterSet]) -> list[tuple[str, str, list[Case]]]:
@@ -116,7 +112,7 @@ def _plain(parameters: ParameterSet) -> ParameterSet:
 
 
 def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tuple[Mapping[str, Array], bool, float]:
-    """Return the response in a case, whether it is integrated independently, and its distance [rad] from the stepping.
+    """Return the response in a case, whether it is integrated independently, and `Experiment.difference` [rad].
 
     Raises ArithmeticError or ParameterError if the actuator's equations cannot be computed.
     """
@@ -159,53 +155,43 @@ def _integrated(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
 
 
 def _stepped(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
-    """Return the response by this package's stepping in Python; both back ends' FMUs give the same bits."""
+    """Return the response by this package's stepping in Python; the FMUs of both back ends give the same bits."""
     inputs = case.inputs()
     del inputs["time"]
     values = {**parameters.values, **files.suited(case, parameters.model, parameters.values).overrides}
     return simulate(values, case.stop_time, case.step, "python", parameters.model, **inputs)
 
 
-# -- files -----------------------------------------------------------------------
-
-
 def _files(interface: FmuInterface, experiments: Sequence[Experiment]) -> dict[str, bytes]:
-    contents: dict[str, bytes] = {}
-    related: list[Element] = []
-
-    def add(name: str, kind: str, role: str, description: str, content: bytes) -> None:
-        contents[f"{FOLDER}/{name}"] = content
-        relate(name, kind, role, description)
-
-    def relate(source: str, kind: str, role: str, description: str) -> None:
-        related.append(element("Related", {"type": kind, "source": source, "role": role, "description": description}))
-
+    listed: list[tuple[str, str, str, str, bytes]] = []  # name, type, role, description, content
     for independent, role in ROLES.items():
         if group := [each for each in experiments if each.independent is independent]:
             what = "Results by independent integration" if independent else "Results by the FMU's stepping"
-            add(f"{role}.exp", EXPERIMENTS, f"experiment/{role}", what,
-                to_bytes(_experiments_of(interface, what, group)))
+            listed.append((f"{role}.exp", EXPERIMENTS, f"experiment/{role}", what,
+                           to_bytes(_experiments_of(interface, what, group))))
     for each in experiments:
         if each.start_values:
-            add(f"{each.name}.ssv", PARAMETERS, "parameter", f"Start values that differ: {each.title}",
-                to_bytes(_parameter_set(each)))
-        add(f"{each.name}_in.csv", TABLE, "other", f"Stimuli: {each.title}", files.csv_text(each.stimuli).encode())
-        add(f"{each.name}_ref.csv", TABLE, "result", f"Results: {each.title}",
-            files.csv_text(each.results).encode())
-    relate(f"../../{TEXT}", "text/plain", "document", "How the references were computed, and how to repeat them")
+            listed.append((f"{each.name}.ssv", PARAMETERS, "parameter", f"Start values that differ: {each.title}",
+                           to_bytes(_parameter_set(each))))
+        listed += [
+            (f"{each.name}_in.csv", TABLE, "other", f"Stimuli: {each.title}", files.csv_text(each.stimuli).encode()),
+            (f"{each.name}_ref.csv", TABLE, "result", f"Results: {each.title}", files.csv_text(each.results).encode())]
     text = page(
         "fmi/references.txt.j2", model=interface.model, kind=interface.actuator.name, fins=interface.fins,
         standard=VERSION, arrays=any(column.ndim > 1 for each in experiments for column in each.stimuli.values()),
-        folder=FOLDER, experiments=experiments, off={each.name: degrees(each.off) for each in experiments}, ROLES=ROLES,
+        folder=FOLDER, experiments=experiments, degrees=degrees, ROLES=ROLES,
         roles={ROLES[each.independent] for each in experiments},
         reference=Path(str(get(parts(interface.kind)[0]).reference)).name, tolerance=degrees(TOLERANCE))
-    contents[TEXT] = f"{text}\n".encode()
-    contents[f"{FOLDER}/{MANIFEST}"] = to_bytes(element("fmiReferences", {
+    document = f"../../{TEXT}", "text/plain", "document", "How the references were computed, and how to repeat them"
+    related = (element("Related", {"type": kind, "source": source, "role": role, "description": description})
+               for source, kind, role, description in (*(row[:4] for row in listed), document))
+    manifest = element("fmiReferences", {
         "xmlns:fmi-ls": "http://fmi-standard.org/fmi-ls-manifest", "fmi-ls:fmi-ls-name": NAME,
         "fmi-ls:fmi-ls-version": VERSION,
         "fmi-ls:fmi-ls-description": "Layered Standard providing information on related files included in an FMU."},
-        related))
-    return contents
+        related)
+    return {**{f"{FOLDER}/{name}": content for name, *_, content in listed}, TEXT: f"{text}\n".encode(),
+            f"{FOLDER}/{MANIFEST}": to_bytes(manifest)}
 
 
 def _experiments_of(interface: FmuInterface, what: str, experiments: Sequence[Experiment]) -> Element:

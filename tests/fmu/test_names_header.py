@@ -43,7 +43,7 @@ def test_it_says_what_the_model_description_says(model: str, fins: int, fmi: str
         expected[variable.attrib["name"]] = int(variable.attrib["valueReference"]), ", ".join(filter(None, words))
     assert found == expected
     prefix = unit.model.upper()
-    assert f'#define {prefix}_{chosen.token} "{guid}"' in text
+    assert f'#define {prefix}_{"TOKEN" if chosen.is_3 else "GUID"} "{guid}"' in text
     assert f'#define {prefix}_MODEL "{unit.model}"' in text
     names = re.findall(r"#define (\w+)", text)
     assert len(names) == len(set(names)) == len(expected) + 3  # guard, model and GUID

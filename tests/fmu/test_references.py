@@ -71,7 +71,7 @@ STORED, ONE, FINS = ["step", "load_opposing", "cold", "sag"], ["step_and_load"],
 def test_the_text_says_how_far_the_stepping_was_off(tick: float) -> None:
     parameters = load_parameters().with_values({**CUSTOM, "solver.max_tick": tick})
     contents, *_ = reference_files(FmuInterface(1), (parameters,), FORMATS["2"])
-    (said,) = re.findall(r"differs from it by up to (\S+) deg", contents[TEXT].decode())
+    (said,) = re.findall(r"differs from these results by up to (\S+) deg", contents[TEXT].decode())
     case = files.suited(STEP_AND_LOAD, parameters.model, parameters.values)
     inputs: dict[str, Any] = {name: column for name, column in case.inputs().items() if name != "time"}
     run = simulate({**parameters.values, **case.overrides}, case.stop_time, case.step, **inputs)
