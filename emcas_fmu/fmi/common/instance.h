@@ -35,7 +35,7 @@ CORE_REQUIRE(parameters_are_those_of_line_and_fins,
 typedef struct {
     double values[FMU_VARIABLES];
     double rates[FMU_INPUTS]; /* derivatives of the inputs in the next step (FMI 2.0) */
-    double start, stop, now;    /* s; stop is infinite if there is none, now is from the start */
+    double start, stop, now;    /* s; stop is infinite if the host sets none, now counts from the start */
     int32_t phase;
     int32_t has_rates;  /* a rate is set */
     int32_t terminated; /* the last step could not be computed (FMI 2.0) */
@@ -50,7 +50,7 @@ typedef struct {
     int32_t unprepared; /* parameters have changed since the fins were bound to them */
     int32_t check_inputs; /* an input might be infinite or NaN */
     int32_t moved;      /* motion_loads are out of date */
-    int32_t commanded;  /* a command other than 0 has been checked, see check_drive */
+    int32_t commanded;  /* check_drive has seen a command other than 0 */
     bool event_mode, early_return; /* of the host (FMI 3.0) */
     bool ticks, interval_known; /* the clock ticks in this event; the host knows its interval (FMI 3.0) */
     multi_fin fins;
@@ -173,8 +173,8 @@ static void report_rule(const instance *m, int status, size_t fin, const char *m
     report(m, status, format, n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]);
 }
 
-/* Return whether the parameters `p` of a fin, or of the line if `fin` is FINS, break no rule: no warning if `warnings`,
- * otherwise no rule that is not a warning. Log broken rules; a warning is not repeated while it holds. */
+/* Return whether the parameters `p` of a fin (of the line if `fin` is FINS) keep the rules that warn, if `warnings`, or
+ * the rules that refuse. Log every broken rule, but a warning only once while it holds; `warned` stores that. */
 static bool rules_kept(const instance *m, const rule *some, size_t count, const double *p, const double *constants,
                        size_t fin, bool warnings, bool *warned)
 {
@@ -235,7 +235,7 @@ static void prepare(instance *m)
 
 /* -- inputs and outputs ------------------------------------------------------- */
 
-/* Compute the inputs of a fin's core from the inputs `values` of the FMU. */
+/* Compute the inputs of a fin's core from the FMU's inputs `values`. */
 static void acting(const instance *m, size_t fin, const double *values, const double *motion_loads, core_inputs *out)
 {
 #if FINS == 1
@@ -264,7 +264,7 @@ static void update_motion_loads_now(instance *m)
     m->moved = 0;
 }
 
-/* Update the outputs. Inputs that are not finite, which the next step will refuse, change no output. */
+/* Update the outputs, unless an input is not finite; the next step refuses such an input. */
 static void refresh(instance *m)
 {
     const bool before = m->s.phase & BEFORE_RUN;
@@ -285,8 +285,7 @@ static void refresh(instance *m)
 
 /* -- variables ---------------------------------------------------------------- */
 
-/* Return whether a variable may be set; log an error if not. A call first checks all its values, then writes them. An
- * input may be set to NaN; the next step is then refused. */
+/* Return whether a variable may be set; log an error if not. An input may be set to NaN; the next step refuses it. */
 static bool settable(const instance *m, size_t index, double value)
 {
     if (index >= OUTPUT_BEGIN && index < PARAMETER_BEGIN)

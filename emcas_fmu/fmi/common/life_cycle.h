@@ -21,7 +21,6 @@ static instance *new_instance(const host_services *host, const char *name, const
 {
     const bool named = name && *name;
     const size_t length = named ? strlen(name) + 1 : 0;
-    /* Logs the reason if there will be no instance. */
     const instance none = {
         .host = *host, .name = named ? name : MODEL_NAME, .logged = logging ? EVERY_CATEGORY : 0};
     instance *m = NULL;

@@ -33,8 +33,8 @@ static const char *unsound_core(const core_state *core, const core_schedule *pla
             return "impossible part of a tick";
     }
     const double period = (double)core->time.period * plan->sample_time;
-    if (now * DBL_EPSILON > plan->slack) return "impossible position in time";
-    if (now < period - plan->slack || now > period + plan->sample_time + plan->slack)
+    if (now * DBL_EPSILON > plan->slack || now < period - plan->slack
+        || now > period + plan->sample_time + plan->slack)
         return "impossible position in time";
     return NULL;
 }
@@ -68,7 +68,8 @@ static const char *unsound(const instance *m, const model_state *s)
     for (size_t i = 0; i < FMU_VARIABLES; ++i) {
         const double value = s->values[i];
         if (VARIABLE[i].kind != REAL
-            && (!core_finite(value) || value != floor(value) || fabs(value) > (VARIABLE[i].kind == INTEGER ? INT32_MAX : 1)))
+            && (!core_finite(value) || value != floor(value)
+                || fabs(value) > (VARIABLE[i].kind == INTEGER ? INT32_MAX : 1)))
             return VARIABLE[i].name; /* not an integer, or not 0 or 1 */
     }
     if (s->phase & BEFORE_RUN) return NULL; /* the core will be restarted */

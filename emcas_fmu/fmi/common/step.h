@@ -14,7 +14,7 @@ static int bad_inputs(const instance *m, double time)
     return status;
 }
 
-/* Warn if the first command other than 0 finds no supply, or a disabled drive: an input may be unconnected. */
+/* At the first command other than 0, warn if supply or enable is 0: the input may be unconnected. */
 static void check_drive(instance *m, const core_inputs *in)
 {
     for (size_t fin = 0; fin < FINS && !m->commanded; ++fin) {
@@ -38,7 +38,7 @@ static core_result held_step(instance *m, double end)
     return run(m, end, in, NULL);
 }
 
-/* Check a step of `size` [s] from `time` [s] and prepare it. Sets its end [s from the start]. */
+/* Check and prepare a step of `size` [s] from `time` [s]; set its `end` [s from the start]. */
 static int step_end(instance *m, double time, double size, double *end)
 {
     if (!core_finite(time) || !core_finite(size) || !(size > 0.0))
@@ -64,7 +64,7 @@ static int step_end(instance *m, double time, double size, double *end)
     if (*end < m->s.now) *end = m->s.now; /* a host's clock may go back within the slack, the trajectory does not */
     if (m->moved) update_motion_loads_now(m);
 #ifdef STEP_BEGIN
-    m->s.values[STEP_BEGIN] = begin; /* the host's fin passes its motion once in each step */
+    m->s.values[STEP_BEGIN] = begin; /* a new time: the equations adopt the motion of the host's fin */
 #endif
     return FMI(OK);
 }

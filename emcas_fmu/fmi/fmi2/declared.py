@@ -20,7 +20,7 @@ class DeclaredSlave(ReportingSlave):
 
     make: ClassVar[Callable[[Mapping[str, Any]], Functions]]  # the core's functions with these parameters
     make_checks: ClassVar[Callable[[Mapping[str, Any]], tuple[Callable[[float], tuple[Any, ...]], ...]]]
-    rules: ClassVar[tuple[tuple[str, bool, bool], ...]]  # for each check: message, whether scanned, whether a warning
+    rules: ClassVar[tuple[tuple[str, bool, bool], ...]]  # for each check: message, whether scanned, whether it warns
     make_line_checks: ClassVar[Callable[[Mapping[str, Any]], tuple[Callable[[float], tuple[Any, ...]], ...]]]
     line_rules: ClassVar[tuple[tuple[str, bool, bool], ...]]  # of the line; if empty, there is no make_line_checks
     # By value reference, each variable's name, kind, whether it is fixed, minimum and maximum; and its start value.
@@ -39,7 +39,7 @@ class DeclaredSlave(ReportingSlave):
     fin_inputs: ClassVar[tuple[tuple[int, ...], ...]]  # value references of each fin's inputs
     mixing: ClassVar[tuple[int, ...]]  # value references of the mixing inputs; empty for a single fin
     of_fin: ClassVar[str]  # prefix of a fin's messages, with %d for its number; empty for a single fin
-    step_begin: ClassVar[int | None]  # index of the input for the begin of the host's step [s]; None without it
+    step_begin: ClassVar[int | None]  # index of the input for the beginning of the host's step [s], if any
     # Computed once per class.
     _kinds: ClassVar[dict[str, frozenset[int]]]  # indices of the rows by kind
     _output_slice: ClassVar[slice]
@@ -65,7 +65,7 @@ class DeclaredSlave(ReportingSlave):
         self._warned: set[tuple[str, int]] = set()  # warnings that hold and have been logged
 
     def _fins(self, values: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
-        """Return by the prefix of each fin's messages its parameters, by their names in a single actuator."""
+        """Return each fin's parameters by their names in a single actuator; the key is the prefix of its messages."""
         count, numbers = len(self.names), list(values.values())[self._line_parameters:]
         return {self.of_fin.replace("%d", str(fin + 1)):
                 dict(zip(self.names, numbers[fin * count:(fin + 1) * count], strict=True))
@@ -89,7 +89,7 @@ class DeclaredSlave(ReportingSlave):
         return all(isfinite(sum(each)) for each in inputs) if self._several else isfinite(sum(inputs))
 
     def _broken_rules(self, values: Mapping[str, Any], warnings: bool = False) -> dict[tuple[str, int], str]:
-        """Return the messages of the rules that line or fins break, by fin and rule: of refusals, or of `warnings`."""
+        """Return the messages of broken rules by fin and rule: of those that warn, if `warnings`, or that refuse."""
         judged = [("", type(self).make_line_checks(values), self.line_rules)] if self.line_rules else []
         judged += [(prefix, type(self).make_checks(one), self.rules) for prefix, one in self._fins(values).items()]
         return {(prefix, i): prefix + message for prefix, checks, rules in judged
@@ -97,7 +97,7 @@ class DeclaredSlave(ReportingSlave):
                 for message in check_rules([(check, *rule)], warnings)}
 
     def _warn(self) -> None:
-        """Log the warnings about the parameters that hold now but did not hold at the last call."""
+        """Log the warnings about parameters that are new since the last call."""
         warnings = self._broken_rules(self._parameter_values(), warnings=True)
         for rule in warnings:
             if rule not in self._warned:

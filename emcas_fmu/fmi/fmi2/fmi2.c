@@ -13,7 +13,7 @@
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
 
-/* The name of a function or type. The common files have the names of FMI 3.0, some of which FMI 2.0 spells otherwise. */
+/* The name of a function or type. The common files use the names of FMI 3.0; FMI 2.0 spells some differently. */
 #define FMI(name) FMI_PASTE(fmi2, name)
 #define FMI_PASTE(version, name) version##name
 #define GetFMUState GetFMUstate
@@ -29,7 +29,7 @@ typedef fmi2CallbackFunctions host_services;
 static void log_message(const host_services *host, const char *name, int status, const char *category, char *text)
 {
     if (!host->logger) return;
-    /* The host gets the text as the format, without arguments, which hosts in other languages cannot read. */
+    /* The text is passed as the format, since hosts in other languages cannot read arguments; it must have no %. */
     for (char *at = text; *at; ++at)
         if (*at == '%') *at = '/';
     host->logger(host->componentEnvironment, name, (fmi2Status)status, category, text);
@@ -53,8 +53,6 @@ static void release(const host_services *host, void *block)
 #include "states.h"
 #include "step.h"
 
-/* -- variables ---------------------------------------------------------------- */
-
 static bool is_a(const instance *m, size_t vr, int kind)
 {
     if (vr < FMU_VARIABLES && VARIABLE[vr].kind == kind) return true;
@@ -62,7 +60,7 @@ static bool is_a(const instance *m, size_t vr, int kind)
     return false;
 }
 
-/* The conversions lose nothing: a value is set by calls with its own type only. */
+/* The conversions lose nothing, since a call sets only values of its own type. */
 #define DEFINE_ACCESS(Kind, kind, as_number)                                                                    \
     fmi2Status fmi2Get##Kind(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2##Kind value[])       \
     {                                                                                                           \
@@ -122,8 +120,6 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
     return fmi2OK;
 }
 
-/* -- stepping ----------------------------------------------------------------- */
-
 /* Step with inputs that change linearly; motion loads are interpolated between both ends of the step. Afterwards the
  * inputs are at the ends of their ramps, and are held there until they or their derivatives are set again. */
 static core_result ramped_step(instance *m, double begin, double end)
@@ -138,7 +134,8 @@ static core_result ramped_step(instance *m, double begin, double end)
     acting_now(m, in);
     for (size_t fin = 0; fin < FINS; ++fin) {
         double slopes[CORE_MOTION_LOADS];
-        for (size_t i = 0; i < CORE_MOTION_LOADS; ++i) slopes[i] = (motion_loads[fin][i] - m->motion_loads[fin][i]) / size;
+        for (size_t i = 0; i < CORE_MOTION_LOADS; ++i)
+            slopes[i] = (motion_loads[fin][i] - m->motion_loads[fin][i]) / size;
         core_inputs rates;
         acting(m, fin, m->s.rates, slopes, &rates); /* linear: rates in, rates out */
         ramp[fin] = (core_ramp){.begin = begin, .command = rates.command, .supply = rates.supply};
@@ -169,7 +166,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean
 
 UNSUPPORTED(CancelStep, ANY_PHASE, 1, "steps are not asynchronous", (fmi2Component c))
 
-/* Define a function that returns the status `found` of the kind `available`, and refuses other kinds. */
+/* Define a function that returns the status `found` for the kind `available`, and refuses other kinds. */
 #define DEFINE_STATUS(Name, type, available, found)                                                             \
     fmi2Status fmi2Get##Name(fmi2Component c, const fmi2StatusKind kind, fmi2##type *value)                      \
     {                                                                                                           \
@@ -188,8 +185,6 @@ DEFINE_STATUS(RealStatus, Real, fmi2LastSuccessfulTime, m->s.start + m->s.now)
 DEFINE_STATUS(IntegerStatus, Integer, NO_KIND, 0)
 DEFINE_STATUS(BooleanStatus, Boolean, fmi2Terminated, m->s.terminated ? fmi2True : fmi2False)
 DEFINE_STATUS(StringStatus, String, NO_KIND, NULL)
-
-/* -- life cycle --------------------------------------------------------------- */
 
 const char *fmi2GetTypesPlatform(void)
 {

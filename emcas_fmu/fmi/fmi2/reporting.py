@@ -8,9 +8,9 @@ exception may leave the slave. The wrapper can return fmi2Discard from fmi2DoSte
 A reference that is unknown, or of another type, is logged as an error where it is read or written, and does not affect
 the steps: a read returns NaN, 0 or false, a write is ignored. As the caller gets fmi2OK, the write is also reported on
 standard error. Any other call that must be refused is logged and remembered, and the next fmi2DoStep is discarded with
-the state unchanged: repeatedly while the cause lasts (a refused parameter, a non-finite input), otherwise once (a write
-to an output or to a parameter that is fixed by now, a call out of order, an interrupt from the keyboard). An interrupt
-that Python delivers between a call and its first line cannot be caught here.
+the state unchanged: every step while the cause lasts (a refused parameter, a non-finite input), otherwise one step (a
+write to an output or to a parameter that is already fixed, a call out of order, an interrupt from the keyboard). An
+interrupt that Python delivers between a call and its first line cannot be caught here.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class RefusedError(Exception):
 
 
 class ReportingSlave(Fmi2Slave):  # type: ignore[misc]
-    """Base of the slave: its phase, the misuse for which the next step is refused, and its messages."""
+    """Base of the slave: phase, messages, and the misuse for which the next step is refused."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)

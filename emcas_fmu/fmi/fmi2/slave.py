@@ -31,8 +31,8 @@ class Slave(DeclaredSlave):
         self._bound: tuple[Any, ...] = ()  # parameter values of the core
         self._start, self._stop = 0.0, inf  # s
         self._now = 0.0  # s since the start
-        self._refusal = ""  # why the initialization was refused
-        self._commanded = False  # a command other than 0 has been checked, see _check_drive
+        self._refusal = ""  # reason why the initialization was refused
+        self._commanded = False  # _check_drive has seen a command other than 0
         self._changed = True  # parameters have changed since the core was bound to them
         self._fresh = False  # outputs in _values are up to date
         self._motion: list[float] = []
@@ -40,8 +40,6 @@ class Slave(DeclaredSlave):
         self._slack = 0.0  # s: tolerance of a step's begin
         self._latest = inf  # s: latest end of a step
         self._motion_loads: Any = None  # of _motion
-
-    # -- FMI life cycle --------------------------------------------------------
 
     def setup_experiment(self, start_time: float, stop_time: float | None = None,
                          tolerance: float | None = None) -> None:
@@ -144,7 +142,7 @@ class Slave(DeclaredSlave):
         raise RefusedError(f"input at {current_time!r} s is not finite: {', '.join(bad)}")
 
     def _check_drive(self, inputs: tuple[Any, ...]) -> None:
-        """Warn if the first command other than 0 finds no supply, or a disabled drive: an input may be unconnected."""
+        """At the first command other than 0, warn if supply or enable is 0: the input may be unconnected."""
         fin = next((fin for fin in inputs if fin[0] != 0.0), None)
         if fin is None:
             return
@@ -164,7 +162,7 @@ class Slave(DeclaredSlave):
         return self._acting(core)
 
     def _bind(self, anew: bool) -> Any:
-        """Return the core, bound to the parameters; with `anew`, before the end of initialization, a new one."""
+        """Return the core, bound to the parameters: a new one if `anew`, as until the end of initialization."""
         values = self._parameter_values()
         if self._core is None or anew:
             self._core = self._new_core(values)
@@ -176,7 +174,7 @@ class Slave(DeclaredSlave):
         return self._core
 
     def _forget(self) -> None:
-        """Discard values computed from the core and the inputs, since one of them has changed; renew tolerances."""
+        """Discard values computed from core and inputs, one of which has changed, and renew the tolerances."""
         self._motion, self._cached_inputs, self._fresh = [], None, False
         if self._core is not None:
             # Far from 0 the times of a host are coarser than the core's slack.
@@ -191,8 +189,6 @@ class Slave(DeclaredSlave):
         rows = [[values[i] for i in indices] for indices in self.fin_inputs]
         acting: tuple[Any, ...] = core.acting(rows, self._motion_loads, [values[i] for i in self.mixing])
         return acting
-
-    # -- variables -------------------------------------------------------------
 
     def _get(self, kind: str, missing: Any, vrs: Sequence[int]) -> list[Any]:
         try:
@@ -210,7 +206,7 @@ class Slave(DeclaredSlave):
             return [missing] * len(vrs)
 
     def _refresh(self) -> None:
-        """Update the outputs in `_values`; they are NaN, 0 or false if they cannot be computed."""
+        """Update the outputs in `_values`; outputs that cannot be computed are NaN, 0 or false."""
         core = self._core
         if self._phase in _BEFORE_RUN:
             core = None if self._parameter_problems() else self._bind(anew=True)
@@ -257,8 +253,6 @@ class Slave(DeclaredSlave):
 
     def get_integer(self, vrs: Sequence[int]) -> list[int]:
         return list(map(int, self._get("Integer", 0, vrs)))
-
-    # -- FMU state -------------------------------------------------------------
 
     def _get_fmu_state(self) -> Any:
         core = None if self._core is None else self._core.state

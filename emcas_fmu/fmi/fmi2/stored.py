@@ -46,8 +46,7 @@ def is_text(value: Any) -> bool:
 
 
 def wrong_variable(values: Any, rows: Sequence[tuple[Any, ...]]) -> str:
-    """Return the name of the first variable that cannot have its stored value, or the problem of their number, or "".
-    """
+    """Return the name of the first variable whose stored value is impossible; "" if all are possible."""
     if not (isinstance(values, tuple) and len(values) == len(rows)):
         return "wrong number of variables"
 

@@ -27,15 +27,15 @@ def _release_wrappers() -> None:
     """Make each loaded wrapper release its state before the process destroys it.
 
     When the process ends, the wrapper's static state is destroyed and then released once more by the library's
-    finalizer: a count is decremented in freed memory, which sometimes aborts a host that has finished. After an
-    earlier call of the same finalizer nothing is released twice.
+    finalizer: a count is decremented in freed memory, which sometimes aborts a host that has finished. This earlier
+    call of the same finalizer prevents the second release.
     """
-    with suppress(Exception):  # the interpreter is ending; without these calls everything else still works
+    with suppress(Exception):  # the interpreter is ending, and nothing else depends on these calls
         import ctypes
 
         with open("/proc/self/maps", encoding="utf-8", errors="replace") as maps:  # noqa: PTH123
             paths = {line.split(maxsplit=5)[5].rstrip().removesuffix(" (deleted)") for line in maps if line.count("/")}
-        # Every copy that a host has unpacked: the wrapper puts its resources into the path.
+        # Each FMU that a host has unpacked: the wrapper adds its resources folder to sys.path.
         entries = {entry.rstrip("/") for entry in sys.path}
         for folder in {entry.removesuffix("/resources") for entry in entries if entry.endswith("/resources")}:
             real = os.path.realpath(folder)

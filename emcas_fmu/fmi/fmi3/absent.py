@@ -1,4 +1,4 @@
-"""Functions of FMI 3.0 that an FMU does not support; they exist because hosts look up all functions."""
+"""Functions of FMI 3.0 that an FMU does not support; the FMU has them because hosts look up all functions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ...runtime.c_sources import c_text, header
 
 _NO_VARIABLE = "there is no variable of this type"
 _TYPES = ("Float32", "Int8", "UInt8", "Int16", "UInt16", "UInt64", "String", "Binary")
-# Names of the functions by the reason that they log.
+# Names of the functions by the reason that a call logs.
 _ABSENT = {
     _NO_VARIABLE: [f"{verb}{name}" for name in _TYPES for verb in ("Get", "Set")],
     "providesPerElementDependencies is false": ["GetNumberOfVariableDependencies", "GetVariableDependencies"],

@@ -1,7 +1,7 @@
 """The variables of FMI 3.0: arrays of the interface's scalars, over the points of a table and over the fins.
 
-``friction.coulomb.positive[0]`` to ``[6]`` are one array ``friction.coulomb.positive`` of 7; the variables
-``fin[1].fin_angle`` to ``fin[4].fin_angle`` are one, ``fins.fin_angle`` of 4. Tables of four fins have two dimensions.
+``friction.coulomb.positive[0]`` to ``[6]`` are the array ``friction.coulomb.positive`` of 7 elements, and
+``fin[1].fin_angle`` to ``fin[4].fin_angle`` the array ``fins.fin_angle`` of 4. A table of four fins has two dimensions.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Array:
 
 
 def _tables(variables: tuple[Variable, ...], first: int) -> Iterator[Array]:
-    """Yield variables as arrays, the elements of a table as one; `first` is the index of the first variable."""
+    """Yield variables as arrays, a table's elements as one array; `first` is the index of the first variable."""
     def table(v: Variable) -> str:
         match = _ELEMENT.fullmatch(v.name)
         return match[1] if match else ""
@@ -73,7 +73,7 @@ def _tables(variables: tuple[Variable, ...], first: int) -> Iterator[Array]:
 
 
 def _common(name: str, elements: tuple[Variable, ...]) -> Variable:
-    """Return the variable for a whole table. Raises EmcasError if its elements differ in more than the index."""
+    """Return the variable for a whole table. Raises EmcasError if the elements differ in more than the index."""
     same = {replace(v, name="", description="", sheet="") for v in elements}
     if len(same) != 1 or [v.name for v in elements] != [f"{name}[{k}]" for k in range(len(elements))]:
         raise EmcasError(f"{name}: elements of a table must be declared in order and differ only in their index")
@@ -86,7 +86,7 @@ def _common(name: str, elements: tuple[Variable, ...]) -> Variable:
 def arrays(interface: FmuInterface) -> tuple[Array, ...]:
     """Return the variables of an interface in the order of value references, without time and clock.
 
-    Raises EmcasError if a variable has the name of one of these two, or if the elements of a table differ.
+    Raises EmcasError if a variable has the name of time or clock, or if the elements of a table differ.
     """
     result: list[Array] = []
     first = 0

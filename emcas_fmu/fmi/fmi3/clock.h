@@ -12,7 +12,7 @@ fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
     return fmi3OK;
 }
 
-/* Activating the clock has no effect, since the controllers also sample without it; it is allowed only at a sample. */
+/* Activating the clock is allowed only at a sample, and has no effect, since the controllers also sample without it. */
 fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Clock value[])
 {
     instance *m = c;

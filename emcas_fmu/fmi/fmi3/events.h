@@ -1,4 +1,4 @@
-/* Steps that end at events: a discrete output changes, or a fin sticks or breaks away. Included by fmi3.c.
+/* Steps that end at events, at which a discrete output changes, or a fin sticks or breaks away. Included by fmi3.c.
  *
  * An event is detected just after the beginning of a tick, where a sample or a reference acts, or at the tick's end. It
  * is then located by bisection, with steps from copies of the state, to within the tolerance of communication points.
@@ -10,7 +10,7 @@
 
 #include "step.h"
 
-/* Return whether two sets of outputs have no event between them. */
+/* Return whether there is no event between two sets of outputs. */
 static bool same_situation(const double *a, const double *b)
 {
     for (size_t i = 0; i < FMU_OUTPUTS; ++i)
@@ -55,7 +55,7 @@ static core_result step_from(instance *m, const multi_fin_state *copy, double fr
     return held_step(m, end);
 }
 
-/* Step to `*end` [s from the start], or to the first event before it, which then is `*end`; all or nothing. */
+/* Step to `*end` [s from the start], or to the first event before it, whose time then is `*end`; all or nothing. */
 static core_result step_to_event(instance *m, double *end, bool *event)
 {
     const model_state begun = m->s;
@@ -90,7 +90,7 @@ static core_result step_to_event(instance *m, double *end, bool *event)
     return result;
 }
 
-/* Step to `end` past any events; sets `event` to whether there is one between the outputs before and after. */
+/* Step to `end` past any events; sets `event` to whether the outputs before and after differ by one. */
 static core_result step_over_events(instance *m, double end, bool *event)
 {
     double before[FMU_OUTPUTS];

@@ -46,8 +46,6 @@ static void release(const host_services *host, void *block)
 #include "absent.h"
 #include "events.h"
 
-/* -- variables ---------------------------------------------------------------- */
-
 /* Return whether a function may be called now for variables of a type with a total of `count` elements; log an error
  * if not. */
 static bool are_of(const instance *m, int phases, int type, const fmi3ValueReference vr[], size_t n, const void *value,
@@ -92,7 +90,7 @@ static bool may_be_set(const instance *m, size_t vr, size_t element, double valu
     for (size_t i = 0, k = 0; i < n; ++i)                                                                         \
         for (size_t e = 0; e < ARRAY[vr[i]].size * ARRAY[vr[i]].fins; ++e, ++k)
 
-/* The conversions lose nothing: a value is set by calls with its own type only. */
+/* The conversions lose nothing, since a call sets only values of its own type. */
 #define DEFINE_ACCESS(Kind, type)                                                                                 \
     fmi3Status fmi3Get##Kind(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3##Kind value[],          \
                              size_t count)                                                                         \
@@ -122,8 +120,6 @@ DEFINE_ACCESS(Int64, INT64)
 DEFINE_ACCESS(Boolean, BOOL)
 
 #include "clock.h"
-
-/* -- stepping ----------------------------------------------------------------- */
 
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 size, fmi3Boolean no_set_state,
                       fmi3Boolean *event_needed, fmi3Boolean *terminate_simulation, fmi3Boolean *early_return,
@@ -181,8 +177,6 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *more, fmi3Boole
     m->ticks = false;
     return fmi3OK;
 }
-
-/* -- life cycle --------------------------------------------------------------- */
 
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
                                          fmi3Boolean logging, fmi3Boolean event_mode, fmi3Boolean early_return,
