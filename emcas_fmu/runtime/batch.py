@@ -20,7 +20,7 @@ from .library import WORTH_VECTORS, loaded, vectors
 
 STEPS = 100_000  # expected number of steps of a batch: 100 s in steps of 1 ms
 _CACHE_LINE = 64  # bytes, also of the longest vectors
-_CHUNK = 4096  # number of actuators that are prepared at a time
+_CHUNK = 4096  # number of actuators that are prepared in one call
 _PIECES = 50  # number of parts of a step, after each of which progress is reported
 
 # A function that advances groups `first` to `last` - 1 of a batch to an end [s], with inputs (columns, strides, number
@@ -37,12 +37,12 @@ class _Groups(ct.Structure):
 
 
 class Batch:
-    """Many actuators side by side, at rest at their start, each with its parameters; their inputs are 0 at first.
+    """Many actuators side by side, each with its parameters. They are initially at rest, and their inputs are 0.
 
     `parameters` is an array [count, parameters], or [1, parameters] for `count` equal actuators, with rows of
     :func:`emcas_fmu.runtime.compiled.parameter_row`. `threads` is the number of threads that share a step. `lanes` (1,
-    4 or 8; by default as many as the processor's vectors hold) is the number of actuators that are advanced at once; it
-    does not change the results. Raises ParameterError naming an actuator with unsound parameters, CompilerError if
+    4 or 8; by default as many as the processor's vectors hold) is the number of actuators that are advanced at once,
+    without effect on the results. Raises ParameterError naming an actuator with unsound parameters, CompilerError if
     there is no compiled kernel, ValueError for a wrong shape, `count` or `lanes`.
     """
 
@@ -66,7 +66,7 @@ class Batch:
         self._results = np.zeros(count, dtype=np.intc)
         self._out = address(self._table), stride, address(self._results)
         self._motion = range(len(actuator.inputs))[MOTION]
-        self._motions = 1
+        self._motion_number = 1  # changes with the vehicle's motion
         self._columns: list[Array] = [np.zeros(()) for _ in actuator.inputs]
         self._addresses = (ct.c_void_p * len(self._columns))(*map(address, self._columns))
         self._strides = (ct.c_ssize_t * len(self._columns))()
@@ -115,15 +115,14 @@ class Batch:
         return groups, move
 
     def _refuse(self, index: int) -> NoReturn:
-        """Raise ParameterError with the problems of an actuator's parameters."""
         row = self._parameters[min(index, len(self._parameters) - 1)]
         raise ParameterError([f"actuator {index}: {problem}" for problem in refusal(row, self._model)])
 
     def hold(self, index: int, value: float | Array) -> None:
-        """Set an input, by its index in the interface, SI: a number for all, or an array [count], which is not copied.
+        """Hold the input with an `index` in the interface at a `value` in SI, a number for all or an array [count].
 
-        It is held until it is set again. An array that repeats one value in memory is copied as a number. The caller
-        must have checked that the values are finite and the shape is right.
+        An array is not copied, unless it repeats one value in memory. The caller must have checked that the values are
+        finite and the shape is right.
         """
         column = doubles(value)
         stride = 0 if not column.shape else 1 if self.count == 1 else column.strides[0] // column.itemsize
@@ -131,7 +130,7 @@ class Batch:
         self._addresses[index] = address(self._columns[index])
         self._strides[index] = stride
         if index in self._motion:
-            self._motions += 1
+            self._motion_number += 1
 
     @property
     def moved(self) -> bool:
@@ -161,7 +160,7 @@ class Batch:
 
     def _move_all(self, end: float, progress: Progress) -> int:
         """Advance all actuators with the available threads; return the number of those that did not reach the end."""
-        arguments = (self._addresses, self._strides, self._motions, *self._out)
+        arguments = (self._addresses, self._strides, self._motion_number, *self._out)
         if progress is silent and self._threads <= 1:
             return self._move(0, self._groups, end, *arguments)
         pieces = _chunks(self._groups, -(-self._groups // (self._threads if progress is silent else _PIECES)))

@@ -19,9 +19,9 @@ from ..trace.vector_source import vector_elementary, vector_source
 from . import codegen, core
 from .schedule import Schedule
 
-MOST_NUMBERS = 12  # numbers in a rule's message: as many as instance.h passes to printf
+MOST_NUMBERS = 12  # largest number of values in a rule's message: as many as instance.h passes to printf
 
-# gcc does not know the pragma, but does not contract with -std=c11; -ffp-contract=off does the same for all compilers.
+# gcc does not know the pragma, but does not contract with -std=c11. -ffp-contract=off forbids it to all compilers.
 _NO_CONTRACTION = "#if !defined __GNUC__ || defined __clang__\n#pragma STDC FP_CONTRACT OFF\n#endif\n"
 
 
@@ -44,7 +44,7 @@ def kernel_header(several: bool = False, model: str = NONLINEAR) -> str:
 
 
 def elementary_header() -> str:
-    """Return elementary.h: sine, exponential and the like, the same on every platform."""
+    """Return elementary.h: elementary functions, such as sine, with the same results on every platform."""
     return header("elementary", "Elementary functions as straight-line code",
                   "#include <math.h>\n#include <stdint.h>\n#include <string.h>\n\n"
                   f"{_NO_CONTRACTION}\n{c_elementary(elementary.traced())}")
@@ -72,7 +72,7 @@ def enumerator(name: str) -> str:
 def model_header(actuator: Actuator) -> str:
     """Return model.h: sizes, limits, the indices of the inputs, and macros for the arguments of the equations."""
     def listed(array: str, count: int, first: int = 0) -> str:
-        # Follows other arguments; may be empty.
+        """Return elements of an array as arguments after others."""
         return "".join(f", {array}[{i}]" for i in range(first, first + count))
 
     plant, controller, motion, loads, acting = codegen.sizes(actuator)

@@ -44,9 +44,9 @@ def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
     mixing: tuple[Traced, ...] = (
         ("mixed_command", ("command", "roll", "pitch", "yaw"),
          lambda ops, p, *commands: (fin_port.mixed_command(ops, p, *commands),)),)
-    if not several or actuator.supply is None:
-        return one + mixing if several else one
-    return (*one, *mixing, *_of_line(actuator, actuator.supply))
+    if not several:
+        return one
+    return (*one, *mixing, *(_of_line(actuator, actuator.supply) if actuator.supply else ()))
 
 
 def _of_line(actuator: Actuator, supply: Supply) -> tuple[Traced, ...]:
@@ -80,8 +80,8 @@ def _of_line(actuator: Actuator, supply: Supply) -> tuple[Traced, ...]:
 def traced_functions(model: str, functions: Collection[Traced]) -> Tracer:
     """Return functions of an actuator, traced over its parameters in their order.
 
-    Functions in a user's file are traced twice. Raises EmcasError naming file and line if they cannot be traced, or if
-    the results differ.
+    Functions in a user's file are traced twice. Raises EmcasError naming file and line if a function cannot be traced,
+    or if the two traces differ.
     """
     actuator = get(model)
     tracer = _filled(Tracer(), actuator, functions)
@@ -92,7 +92,7 @@ def traced_functions(model: str, functions: Collection[Traced]) -> Tracer:
 
 
 def _filled(tracer: _Kind, actuator: Actuator, functions: Iterable[Traced]) -> _Kind:
-    """Trace functions of an actuator by a tracer, and return the tracer."""
+    """Trace functions of an actuator with a tracer, and return the tracer."""
     p = actuator.namespace({v.name: tracer.parameter(v.name) for v in actuator.parameters})
     for name, arguments, function in functions:
         try:
@@ -120,8 +120,7 @@ def traced_rules(model: str = NONLINEAR) -> Tracer:
 
 @cache
 def traced_line_rules(model: str = NONLINEAR) -> Tracer:
-    """Return the traced checks of the rules of the line that several fins share, over its parameters, if it has rules.
-    """
+    """Return the traced checks of the rules for the line that several fins share, over the line's parameters."""
     supply, tracer = get(model).supply, Tracer()
     if supply is not None:
         p = namespace({v.name: tracer.parameter(v.name) for v in supply.line.parameters})
@@ -131,9 +130,9 @@ def traced_line_rules(model: str = NONLINEAR) -> Tracer:
 
 
 def used(model: str) -> dict[str, frozenset[str]]:
-    """Return by the name of each function of an actuator the parameters and arguments on which its results depend.
+    """Return the parameters and arguments on which the results of an actuator's functions depend, by function name.
 
-    Rules, the faults of its kind, and 1/L and charge of its supply are among the functions.
+    The functions include rules, faults of the actuator's kind, and the inverse inductance and charge of the supply.
     """
     actuator = get(model)
 
@@ -170,7 +169,7 @@ def direct_inputs(model: str) -> Mapping[str, tuple[str, ...]]:
 
 @cache
 def initial_values(model: str) -> Mapping[str, Known]:
-    """Return the bounds and dependencies of each output's initial value, by name."""
+    """Return the bounds and dependencies of the outputs' initial values, by the outputs' names."""
     actuator = get(model)
     tracer = traced(False, model)
     initial = dependencies(tracer, "initial", (), of_parameters(tracer, _known(actuator.parameters)))
@@ -181,7 +180,7 @@ def initial_values(model: str) -> Mapping[str, Known]:
 
 
 def line_started_by(model: str) -> frozenset[str]:
-    """Return the parameters on which the initial states of the line of several fins depend."""
+    """Return the parameters on which the initial states of the line that several fins share depend."""
     actuator, tracer = get(model), traced(True, model)
     if actuator.supply is None:
         return frozenset()
@@ -191,7 +190,7 @@ def line_started_by(model: str) -> frozenset[str]:
 
 
 def _outputs(model: str, states: Sequence[Known]) -> dict[str, Known]:
-    """Return the bounds and dependencies of each output from those of the states."""
+    """Return the bounds and dependencies of each output, computed from those of the states."""
     actuator, tracer = get(model), traced(False, model)
     inputs, fixed = _known(actuator.inputs), of_parameters(tracer, _known(actuator.parameters))
     motion_loads = dependencies(tracer, "motion_loads", [inputs[v.name] for v in fin_port.MOTION], fixed)

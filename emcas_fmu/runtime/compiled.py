@@ -50,7 +50,7 @@ class Tables:
 
     A column is an array [runs, rows], or [runs, points of time] for an output in `fine` of :func:`run_tables`.
     `reached` is the number of points of time that each run reached, including the start. `failures` maps the index of
-    an incomplete run to the error that the run would raise alone.
+    an incomplete run to the error that the same run would raise on its own.
     """
 
     columns: dict[str, Array]
@@ -72,7 +72,7 @@ def _names(model: str) -> tuple[dict[str, None], frozenset[str]]:
 
 
 def parameter_row(values: Mapping[str, Any], model: str = NONLINEAR) -> Array:
-    """Return a model's parameters as an array in their order, from values by name in SI.
+    """Return a model's parameters as an array [parameters] in their order, from values by name in SI.
 
     Raises ParameterError for wrong names, TypeError if `values` is not a mapping.
     """
@@ -99,9 +99,9 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
     `parameters` is an array [runs, parameters] with rows of :func:`parameter_row`, or [1, parameters] for all runs.
     `inputs` contains for each input, in the interface's order, an array in SI that broadcasts to [runs, rows]; arrays
     of doubles are not copied. From one row to the next a run makes `held` steps of `step` [s]. `outputs` are returned
-    at the rows, those in `fine` at every step. A run that fails does not affect the others. The stiffness of a `spring`
-    [N.m/rad], a number or an array [runs], times the fin angle at a row is subtracted from the row's hinge moment.
-    Raises ValueError for shapes that do not match, CompilerError if there is no compiled kernel.
+    at the rows, those in `fine` at every step. A run that fails does not affect the others. A `spring` [N.m/rad], a
+    number or an array [runs], subtracts its stiffness times the fin angle at a row from the row's hinge moment. Raises
+    ValueError for shapes that do not match, CompilerError if there is no compiled kernel.
     """
     actuator = get(model)
     sets: Array = np.ascontiguousarray(parameters, dtype=np.float64)
@@ -131,8 +131,7 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
 
 
 def table_shape(parameters: Array, inputs: Sequence[Array], model: str, held: int) -> tuple[int, int, int]:
-    """Return the numbers of runs, rows and points of time of :func:`run_tables`. Raises ValueError for its arguments.
-    """
+    """Return the numbers of runs, rows and points of time of :func:`run_tables`. Raises ValueError for wrong shapes."""
     actuator = get(model)
     if parameters.ndim != 2 or parameters.shape[1] != len(actuator.parameters):
         raise ValueError(f"parameters have shape {parameters.shape}, not (runs, {len(actuator.parameters)})")
@@ -166,8 +165,7 @@ def prepare(library: ct.CDLL, parameters: Array) -> Prepared:
 
 
 def by_schedule(schedules: Array) -> Array:
-    """Return indices in an order where actuators with the same numbers of ticks and of delayed samples are neighbours.
-    """
+    """Return the indices of actuators, ordered so that those with equal numbers of ticks and delays are neighbours."""
     plan = Schedule(*schedules.T)
     return np.lexsort((plan.late_commands, plan.delay_samples, plan.after, plan.before)).astype(np.uintp)
 
@@ -212,7 +210,7 @@ def address(array: Array) -> int:
 
 
 def _layout(column: Array) -> tuple[int, int, int]:
-    """Return the address of the first value and the strides [doubles] of runs and rows, 0 for a constant."""
+    """Return the address of the first value and the strides [doubles] of runs and rows, 0 for a repeated value."""
     strides = [0 if n == 1 else stride // column.itemsize
                for n, stride in zip(column.shape, column.strides, strict=True)]
     run, row = [0, 0, *strides][-2:]

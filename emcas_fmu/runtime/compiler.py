@@ -20,17 +20,16 @@ from tempfile import TemporaryDirectory, gettempdir
 from ..errors import EmcasError
 from ..support.files import cache_directory
 
-# No contraction: a fused multiply-add rounds once where the Python source rounds twice. No speculative operation
-# that may raise a floating-point exception: hosts may trap these. No reading of pairs of numbers that were just written
-# one by one: a processor then waits until both are in the cache.
+# No contraction: a fused multiply-add rounds once where the Python source rounds twice. No speculative operation that
+# may raise a floating-point exception: hosts may trap these. No reading of two numbers at once that were written one by
+# one: the processor would wait until both are in the cache.
 FLAGS = ("-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-contract=off", "-ftrapping-math",
          "-fno-math-errno", "-fno-tree-slp-vectorize", "-fomit-frame-pointer", "-fvisibility=hidden", "-g0")
 _ZIG_FLAGS = ("-fno-sanitize=undefined", "-ffp-exception-behavior=maytrap", "-s")
-# s: longest compilation. Zig's first one also builds its C library, which takes a minute on a slow machine.
+# Longest time [s] of a compilation. The first one by zig also builds its C library, in a minute on a slow machine.
 _PATIENCE = 600
 _NO_SPACE = re.compile("No space left|NoSpaceLeft|disk quota", re.IGNORECASE)
-# Pages of Apple's processors have 2 to the power of this number of bytes.
-_PAGE = 14
+_PAGE = 14  # Pages of Apple's processors have 2 to the power of this number of bytes.
 _MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
 
 
@@ -61,7 +60,7 @@ PLATFORMS = {p.name: p for p in (
     Platform("aarch64-linux", ".so", {"aarch64-linux": "aarch64-linux-gnu.2.17"}, _LINUX),
 )}
 
-# For a browser. It has no traps, about which clang warns; the C library musl needs no function of the page.
+# For a browser, which has no traps, about which clang warns. The C library musl needs no function of the page.
 WEB = Platform("wasm", ".wasm", {"wasm32-wasi": "wasm32-wasi"}, (
     "-Wno-unsupported-floating-point-opt", "-mexec-model=reactor", "-Wl,--export-dynamic", "-Wl,--export=__heap_base"))
 
@@ -129,7 +128,7 @@ class Compiler:
         output = f"{name}{target.suffix}"
         flags = [*FLAGS, *further, *(("-target", triple, *_ZIG_FLAGS) if self.zig else ("-s",))]
         command = [*self.command, *flags, main, "-o", output, *(f.format(output) for f in target.link)]
-        # Zig's default cache may be in a home that cannot be written; it would then wait for ever.
+        # If its default cache, in the home folder, cannot be written, zig waits for ever.
         environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(_cache_folder(folder) / "zig"),
                        "ZIG_LOCAL_CACHE_DIR": str(folder / "z"),
                        "SOURCE_DATE_EPOCH": "315532800", "ZERO_AR_DATE": "1"}
@@ -156,7 +155,7 @@ class Compiler:
 
 
 def _cache_folder(otherwise: Path) -> Path:
-    """Return the folder of compiled libraries, or the folder `otherwise` if that cannot be used."""
+    """Return the folder of compiled libraries; `otherwise` if that folder cannot be used."""
     try:
         return cache_directory()
     except OSError:

@@ -1,7 +1,7 @@
 """Checks of the samples and outputs of a user's actuator against its motion.
 
-The package has no equations of its measured angle, `limited` and power; the checks are invariants that every sound
-actuator keeps. A wrong power is detected if its energy is less than that of motor or fin, but not if it is too high.
+The package cannot compute the actuator's measured angle, `limited` and power; it checks invariants that every sound
+actuator keeps. A power is known to be wrong if its energy is less than that of motor or fin, but not if it is too high.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from ..ops.located import LocatedFloats, located
 from .compiled import Array
 
 _MOTOR = ("motor_voltage", "motor_current")
-# Shares of command.limit: the fin's angle at a sample; two distant commands; distances of commands near the angle, for
-# which a reference without dead band differs.
+# Shares of command.limit: the fin's angle at a sample; two commands far from it; distances of commands near it, whose
+# references differ if there is no dead band.
 _ANGLE, _FAR, _NEAR = -0.9, (0.98, 1.0), (1e-5, 2e-5, 3e-5)
 _OFFSET = 100.0  # counts of an encoder
 _MEASURED = 0.25  # share of an angle by which its measurement may differ: resolution, delay, a loaded drive line
-_LEAST = 0.9  # smallest share of an energy that the supply must deliver, less the peak power times one interval
+_LEAST = 0.9  # share of an energy that the supply must at least deliver, less the peak power times one interval
 
 
 def outputs(actuator: Actuator) -> tuple[str, ...]:
@@ -39,7 +39,7 @@ def outputs(actuator: Actuator) -> tuple[str, ...]:
 
 
 class Samples:
-    """The samples of a user's actuator at rest, with parameters and inputs by name in SI; `supply` is its supply."""
+    """The samples of a user's actuator at rest, with parameters and inputs by name in SI and a `supply` [V or Pa]."""
 
     def __init__(self, actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float], supply: float
                  ) -> None:
@@ -74,7 +74,7 @@ class Samples:
         p, start = self._started(**{"encoder.enabled": True})
 
         def counts(offset: float) -> tuple[float, float]:
-            """Return the counts of a start and of a sample."""
+            """Return the counts at the start and after a sample."""
             sampled = self._actuator.sampled(self._ops, p, *self._sample(p, start, encoder_offset=offset))
             return self._actuator.start(self._ops, p, None, offset)["counts"], sampled["counts"]
 
@@ -93,7 +93,7 @@ class Samples:
         return bool(at != beyond)
 
     def problems(self) -> Iterator[str]:
-        """Yield a message if a sample ignores its command, or limits its reference without `limited`."""
+        """Yield a message if a sample ignores the command, or limits the reference without setting `limited`."""
         limit = self._values["command.limit"]
         for side in (1.0, -1.0):
             p, start = self._started(**{"fin.start_angle": side * _ANGLE * limit})
@@ -112,7 +112,7 @@ class Samples:
 
 
 def at_rest(actuator: Actuator, shown: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a message if the outputs of an actuator that is disabled and at rest have a supply power below 0."""
+    """Yield a message if the supply power is below 0 in the outputs `shown` of a disabled actuator at rest."""
     power = 0.0 if actuator.supply is None else shown["supply_power"]
     if power < 0.0:
         yield (f"{of_function(actuator, 'outputs')} returns supply_power = {power:.3g} W at rest while disabled; "
@@ -123,8 +123,8 @@ def moving(actuator: Actuator, values: Mapping[str, Any], responses: Mapping[str
            balanced: bool) -> Iterator[str]:
     """Yield messages about outputs that contradict the motion of a fin from rest, without load.
 
-    `responses` are :func:`outputs` [runs, points], `interval` [s] apart. Power is checked if energy is `balanced`: if
-    nothing but fin and motor is known to store it.
+    `responses` are :func:`outputs` [runs, points], `interval` [s] apart. Power is checked if energy is `balanced`: only
+    fin and motor store it, as far as is known.
     """
     measured, angle = responses["measured_fin_angle"][0, -1], responses["fin_angle"][0, -1]
     if not values.get("homing.required") and abs(measured - angle) > _MEASURED * abs(angle):

@@ -21,7 +21,7 @@ static inline bool core_finite(double x)
     return (bits & UINT64_C(0x7ff0000000000000)) != UINT64_C(0x7ff0000000000000);
 }
 
-/* Return the same for many numbers: an exponent of all ones plus one carries into the sign bit. */
+/* Return whether many numbers are finite: an exponent of all ones plus one carries into the sign bit. */
 static inline bool core_all_finite(const double *x, size_t count)
 {
     uint64_t carries = 0;
@@ -33,7 +33,7 @@ static inline bool core_all_finite(const double *x, size_t count)
     return !(carries >> 63);
 }
 
-/* Return a sum, which is finite if all terms are and it does not overflow. The sum of vectors has four parts, which a
+/* Return a sum, which is not finite if a term is not or the sum overflows. The sum of vectors has four parts, which a
  * processor adds in parallel. */
 static inline lanes core_sum(const lanes *x, int count)
 {
@@ -54,7 +54,7 @@ static inline core_schedule core_scheduled(const lanes *p, const lanes *c)
     return plan;
 }
 
-/* Return a whole number of the schedule; the conversion to a signed integer is one instruction. */
+/* Return a whole number of the schedule, read from lane 0. The conversion to a signed integer is one instruction. */
 static inline int32_t core_count(lanes number)
 {
     return (int32_t)lanes_of(number, 0);
@@ -126,8 +126,8 @@ static inline const core_inputs *core_at(const core_inputs *in, const core_ramp 
     return then;
 }
 
-/* Step a plant of `s` over the rest of a tick, `left` [s], from event to event; returns the lanes that reached its
- * end. */
+/* Step a plant of `s` over the rest of a tick, `left` [s], from event to event; returns the lanes that reached the
+ * tick's end. */
 static inline lanes_mask core_finish(const lanes *p, const lanes *c, lanes_mask which, const core_state *s,
                                      core_plant *x, const core_inputs *in, lanes left)
 {
@@ -169,8 +169,8 @@ static inline core_inputs core_mean(const core_part *part)
     return mean;
 }
 
-/* Split a tick where inputs change that act through limits, or in a way that is not known here: the plant advances to
- * the time up to which inputs are known, and a new part begins there. Returns the lanes that reached it. */
+/* Split a tick where an input changes that acts through limits (supply, enable) or in a way that is not known here: the
+ * plant advances to the time up to which inputs are known, and a new part begins. Returns the lanes that reached it. */
 static inline lanes_mask core_split(const lanes *p, const lanes *c, lanes_mask which, core_state *s,
                                     const core_inputs *in)
 {
@@ -188,7 +188,7 @@ static inline lanes_mask core_split(const lanes *p, const lanes *c, lanes_mask w
     return lanes_but(which, lanes_but(differ, reached));
 }
 
-/* Move values to the front by one, and append one. */
+/* Drop the first value and append a last one. */
 static inline void core_push(lanes *values, size_t count, lanes last)
 {
     memmove(values, values + 1, (count - 1) * sizeof *values);
@@ -221,8 +221,8 @@ static inline lanes core_begin(const core_state *s, const core_schedule *plan)
     return lanes_set((double)s->time.period) * plan->sample_time + within;
 }
 
-/* Advance to `until` [s] within a tick; `whole` is whether the tick ends there, after which there is no part. Returns
- * the lanes that reached it. */
+/* Advance to `until` [s] within a tick; if `whole`, the tick ends there, and there is no part afterwards. Returns the
+ * lanes that reached `until`. */
 static inline lanes_mask core_tick(const lanes *p, const lanes *c, lanes_mask which, core_state *s,
                                    const core_schedule *plan, const core_inputs *in, const core_ramp *ramp, lanes until,
                                    bool whole)
@@ -254,7 +254,7 @@ static inline lanes_mask core_tick(const lanes *p, const lanes *c, lanes_mask wh
 }
 
 /* Advance the lanes `which` (at least one) as core_run does, as far as they move together, but without restoring the
- * state. Returns the lanes that reached `end`, and sets `why` to the reason of the others. */
+ * state. Returns the lanes that reached `end`, and sets `why` to the reason why others did not. */
 static inline lanes_mask core_move(const lanes *p, const lanes *c, lanes_mask which, core_state *s,
                                    const core_schedule *plan, double end, const core_inputs *in, const core_ramp *ramp,
                                    lanes *out, core_result *why)
@@ -310,7 +310,7 @@ static inline lanes_mask core_move(const lanes *p, const lanes *c, lanes_mask wh
                                              + core_sum(out, MODEL_OUTPUTS)));
 }
 
-/* Copy the used values of a state: `line` values of the delay buffer, and the part of a tick only if `partial`. */
+/* Copy the used values of a state: `line` values of the delay buffer, and the part of a tick if `partial`. */
 static inline void core_keep(const core_state *s, core_state *to, size_t line, bool partial)
 {
     const size_t begin = offsetof(core_state, time), end = offsetof(core_state, line) + line * sizeof *s->line;

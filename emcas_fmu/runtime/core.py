@@ -12,16 +12,16 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Any, NamedTuple
 
-# Events in a tick: usually a handful at most; with far more the step does not advance.
+# Most events in a tick. Usually there are a handful at most; a step with more than this does not advance.
 MOST_EVENTS = 500
 # Largest ratio of the time that a step takes to the rest of the tick: above 1 only by rounding.
 ROUNDED = 1.0 + 1e-9
 TOO_MANY_EVENTS = (f"more than {MOST_EVENTS} events in a tick: step() of the actuator does not reach the tick's end; "
                    "it must return a time above 0 and at most h")
-# Ticks in one communication step. More are a mistake of the host, whose step would seem to hang.
+# Most ticks in one communication step. More are a mistake of the host, for which the step would seem to hang.
 MOST_TICKS = 100_000_000
-# Ticks from zero to the latest start. The resolution of a host's time is there an eighth of a tick; its tolerance for
-# rounding, four times that, and the slack, at most a quarter of a tick, are together less than a tick.
+# Ticks from zero to the latest start. A host's time has there a resolution of an eighth of a tick. The tolerance for
+# rounding, four times that, and the slack, at most a quarter of a tick, together are less than a tick.
 LATEST = 2.0**49
 
 Functions = tuple[Callable[..., tuple[Any, ...]], ...]
@@ -36,7 +36,7 @@ FIRST = 2  # number of inputs of an actuator before the vehicle's motion: comman
 class Sizes(NamedTuple):
     """Numbers of states of plant and controller, of inputs, and of loads.
 
-    `motion` are inputs of the vehicle's motion, `loads` are aero_torque and the motion loads, `acting` the further
+    `motion` counts the inputs of the vehicle's motion, `loads` aero_torque and the motion loads, `acting` the further
     inputs that act on the plant.
     """
 
@@ -200,7 +200,7 @@ class Core:
         return outputs
 
     def _tick(self, inputs: Inputs, until: float, whole: bool) -> None:
-        """Advance to `until` [s] within a tick; `whole` is the rest of it, after which there is no part."""
+        """Advance to `until` [s] within a tick; if `whole`, the tick ends there, and there is no part afterwards."""
         part, origin, acting = self._part, 0.0, inputs
         if self._position == 0 and part is None:
             self._sample(inputs)
@@ -225,7 +225,7 @@ class Core:
         self._sampled, self._line = tuple(sampled), (*self._line[1:], reference)
 
     def _split(self, part: Part, inputs: Inputs) -> Part:
-        """Return the part; if inputs that act through limits change, advance the plant and return a new part there."""
+        """Return the part; if inputs that act through limits have changed, advance the plant and return a new part."""
         origin, covered, first, _ = part
         switched = slice(self._supply, self._acting.stop)
         if first[switched] == inputs[switched]:

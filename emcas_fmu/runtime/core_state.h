@@ -1,7 +1,7 @@
 /* The state and the inputs of actuators that are stepped together.
  *
- * `lanes` has a number for each of them: one number by scalar.h, several if vector.h is included first. model.h has the
- * sizes; it is generated, as are the equations.
+ * `lanes` has a number for each actuator: one number by scalar.h, several if vector.h is included first. model.h has
+ * the sizes; it is generated, as are the equations.
  */
 #ifndef EMCAS_CORE_STATE_H
 #define EMCAS_CORE_STATE_H
@@ -19,7 +19,7 @@
 /* Stop the compilation if a condition is false; C99 has no static assertions. */
 #define CORE_REQUIRE(what, condition) typedef char core_required_##what[(condition) ? 1 : -1]
 
-/* The plant's states. With one lane the duration of the last step follows them; the step writes both in place: a copy
+/* The plant's states. With one lane the duration of the last step follows them. The step writes both in place: a copy
  * would read wider words than those just written, for which a processor waits. */
 typedef struct {
     lanes x[CORE_PLANT + (LANES == 1)];
@@ -50,8 +50,8 @@ typedef struct {
     int32_t position, partial;
 } core_time;
 
-/* Everything that changes while running. The line is the delay buffer: the DAC's values up to the present one, then the
- * commands that are still delayed, the oldest first. */
+/* Everything that changes while running. The line is the delay buffer: the DAC's values up to the present one, then
+ * the commands that are still delayed, both with the oldest first. */
 typedef struct {
     core_part part;
     core_time time;
@@ -67,7 +67,7 @@ CORE_REQUIRE(order_of_state, offsetof(core_state, time) == sizeof(core_part)
 
 typedef enum { CORE_DONE, CORE_NOT_FINITE, CORE_TOO_MANY_EVENTS, CORE_TOO_MANY_TICKS } core_result;
 
-/* The Schedule of schedule.py. Lanes that move have as many ticks, delayed samples and late commands as the first. */
+/* The Schedule of schedule.py. Lanes that move together have equal numbers of ticks, delayed samples and commands. */
 typedef struct {
     lanes CORE_SCHEDULE;
 } core_schedule;

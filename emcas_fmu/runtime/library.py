@@ -22,9 +22,9 @@ from .compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers,
 
 # Flags by the number of actuators in a vector. Unlike a host of an FMU, Python never traps floating-point exceptions.
 _VECTOR_FLAGS = {8: ("-fno-trapping-math", "-mavx512f", "-mavx512dq"), 4: ("-fno-trapping-math", "-mavx2")}
-# Steps of 1 ms that take about the time of compiling in Python; steps in which vectors save about this time.
+# Numbers of steps of 1 ms: computed in Python, they take about as long as compiling; vectors save about that time.
 WORTH_COMPILING, WORTH_VECTORS = 10_000, 20_000_000
-# Steps that take the time of looking for a compiled library, since its source is printed first.
+# Numbers of steps that take as long as a look for a compiled library, which needs the printed source.
 _WORTH_LOOKING = {WORTH_COMPILING: 1000, WORTH_VECTORS: 200_000}
 
 # Prototypes of exported functions in a library's sources: result, name and arguments.
@@ -50,7 +50,7 @@ def _digest(compiler: Compiler, target: Platform, model: str, lanes: int) -> str
 def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
     """Return the compiled library of a model, for vectors if `lanes` is above 1, or the reason why there is none.
 
-    If a compiler was tried, a warning has the reason.
+    If a compiler was tried in vain, the reason is also a warning.
     """
     target = local_platform()
     if target is None:
@@ -76,9 +76,9 @@ def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
 def worth(model: str, steps: float, lanes: int = 1) -> bool:
     """Return whether compiling a model saves time over `steps` additional steps of 1 ms.
 
-    It is compiled for vectors if `lanes` is above 1. It saves time after enough steps in this process, or earlier if a
-    compiled library is in the cache. A user's actuator is always compiled: it may divide by zero in an unused result,
-    which raises an error in Python.
+    With `lanes` above 1 it is compiled for vectors. Compiling saves time after enough steps in this process, or earlier
+    if a compiled library is in the cache. With one lane a user's actuator is always compiled: it may divide by zero in
+    an unused result, which raises an error in Python.
     """
     if lanes == 1 and not is_shipped(model):
         return True
@@ -185,7 +185,7 @@ def _compile(compiler: Compiler, target: Platform, digest: str, model: str, lane
 
 
 def _with_types(library: ct.CDLL, sources: str) -> ct.CDLL:
-    """Return the library, its functions with the types of the prototypes in its sources; pointers are void."""
+    """Return the library after setting its functions' types from the prototypes in its sources; pointers are void."""
     for result, name, arguments in _PROTOTYPE.findall(sources):
         function = getattr(library, name)
         function.restype = _C_TYPES[result]

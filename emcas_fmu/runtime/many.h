@@ -17,8 +17,8 @@ enum {
     INPUTS = sizeof(core_inputs) / sizeof(lanes)
 };
 
-/* LANES actuators. `motion_loads` are those of `motion`; `common_motion` is the number of the motion if all groups have
- * the same, otherwise 0. The times of the lanes are `times` if they are `apart`, otherwise that of the state. */
+/* LANES actuators. `motion_loads` are computed from `motion`; `common_motion` is the number of a motion that all groups
+ * share, otherwise 0. The times of the lanes are `times` if they are `apart`, otherwise that of the state. */
 typedef struct {
     lanes motion[MODEL_MOTION];
     core_time times[LANES];
@@ -33,7 +33,7 @@ typedef struct {
     const lanes *p, *c;
     core_schedule plan;
     double end;
-    size_t line;         /* length of the longest delay buffer of a lane */
+    size_t line;         /* length of the longest delay buffer */
     lanes_mask together; /* lanes whose schedule has the same numbers as that of lane 0 */
 } group_step;
 
@@ -64,7 +64,7 @@ API size_t batch_values(size_t *schedule)
     return VALUES;
 }
 
-/* Mark the values that steps, samples and outputs read; other values are needed only to compute these. */
+/* Mark the values that steps, samples and outputs read; other values are needed only to compute the marked ones. */
 API void batch_reads(unsigned char *reads)
 {
     memset(reads, 1, VALUES);
@@ -112,7 +112,6 @@ static void set_lane(lanes *to, int lane, double value)
     ((double *)to)[lane] = value;
 }
 
-/* Copy one lane. */
 static void copy_lane(lanes *to, int lane, const lanes *from, size_t count)
 {
     for (size_t i = 0; i < count; ++i) set_lane(&to[i], lane, lanes_of(from[i], lane));
@@ -124,7 +123,7 @@ static void spread_lane(lanes *to, int lane, const lanes *from, size_t count)
     for (size_t i = 0; i < count; ++i) to[i] = lanes_set(lanes_of(from[i], lane));
 }
 
-/* Copy a state except its time by one of these functions: `line` values of the delay buffer, the part if `partial`. */
+/* Copy a state except its time by `copy`: `line` values of the delay buffer, and the part if `partial`. */
 static void copy_state(void (*copy)(lanes *, int, const lanes *, size_t), core_state *to, int lane,
                        const core_state *from, size_t line, bool partial)
 {
@@ -152,7 +151,7 @@ static int latest(const core_time *t, unsigned which)
     return lead;
 }
 
-/* Advance one lane from the state `before` at its time, as if all lanes were equal to it. */
+/* Advance one lane from the state `before` at the lane's time, as if all lanes were equal to it. */
 static core_result alone(const group_step *g, const core_state *before, group *at, int lane, const core_inputs *in,
                          lanes *out)
 {
@@ -202,8 +201,8 @@ static unsigned move(const group_step *g, group *at, const core_inputs *in, lane
     return stopped;
 }
 
-/* Compute the motion loads of a group if the vehicle's motion has changed. A motion that is `common` to all groups has
- * a number above 0, which changes with the motion. */
+/* Compute the motion loads of a group if the vehicle's motion has changed. `common` is the number
+ * of a motion that all groups share, which changes with the motion; otherwise 0. */
 static void update_motion_loads(group *at, const group_step *g, const lanes *motion, uint64_t common)
 {
     if (common && at->common_motion == common) return;
@@ -220,7 +219,7 @@ static void prefetch_from(const void *first, const void *last)
     for (const char *line = first; line < (const char *)last; line += 64) __builtin_prefetch(line);
 }
 
-/* Fetch the values that a step of a group needs in the usual case from memory. */
+/* Fetch from memory the values that a usual step of a group needs. */
 static void prefetch(const group *at, size_t bytes)
 {
     prefetch_from(&at->common_motion, &at->state);

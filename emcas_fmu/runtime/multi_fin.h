@@ -25,9 +25,9 @@ typedef struct {
     double slack, latest;
 } multi_fin;
 
-/* Everything that changes while running: the fins, the line's states, the mean consumption of the fins before the last
- * instant, for fins that store charge the charge that each had consumed by then and its mean power [W], and the number
- * of the next instant. */
+/* Everything that changes while running: the fins; the line's states; the mean consumption of the fins before the last
+ * instant; for fins that store charge, the charge that each fin had consumed by then, and its mean power [W]; and the
+ * number of the next instant. */
 typedef struct {
     core_state core[FINS];
     double line[MODEL_LINE_STATES];
@@ -37,13 +37,13 @@ typedef struct {
     int64_t instant;
 } multi_fin_state;
 
-/* Return the lesser number. fmin is not used, since some hosts do not have it. */
+/* Return the lesser number; some hosts do not have fmin. */
 static double lesser(double a, double b)
 {
     return a < b ? a : b;
 }
 
-/* Use these parameters of the line, and `p` of the fins one after the other. */
+/* Set the parameters of the `line`, and `p` of the fins, one fin after the other. */
 static void multi_fin_bind(multi_fin *m, const double *line, const double *p)
 {
     m->line = line;
@@ -117,8 +117,8 @@ static void line_shared(const multi_fin *m, double source, const double *states,
 #endif
 }
 
-/* Do the same at a communication point, where current and powers of fins that store charge are means over the last
- * interval. */
+/* Compute the outputs of the line at a communication point. Current and powers of fins that store charge are means over
+ * the last interval. */
 static void line_all_outputs(const multi_fin *m, const multi_fin_state *s, double source, double *out)
 {
 #if MULTI_FIN_LINE && defined MODEL_CHARGED
@@ -192,8 +192,8 @@ static core_result run_fins(const multi_fin *m, multi_fin_state *s, double from,
 }
 
 #if MULTI_FIN_LINE
-/* Return the consumption of the fins from now on, from their outputs; its mean since the last instant is stored, with
- * the charges and mean powers of fins that store charge. */
+/* Return the consumption of the fins from now on, computed from their outputs; store its mean since the last instant,
+ * and the charges and mean powers of fins that store charge. */
 static double line_consumed_next(const multi_fin *m, multi_fin_state *s, double source, double *out)
 {
     line_shared(m, source, s->line, out);
@@ -220,7 +220,7 @@ static double line_consumed_next(const multi_fin *m, multi_fin_state *s, double 
 #endif
 }
 
-/* Compute the line's `next` states after an instant, from which on the fins consume `consumption`. */
+/* Compute the line's `next` states after an instant from which the fins consume `consumption`. */
 static void line_following(const multi_fin *m, const multi_fin_state *s, double source, double consumption,
                            double *next)
 {

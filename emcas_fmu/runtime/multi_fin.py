@@ -161,9 +161,9 @@ class MultiFin:
         return level, consumption, power
 
     def _consumed_next(self, source: float, each: Outputs) -> float:
-        """Return the current or flow that the fins consume from now on.
+        """Return the current or flow that the fins consume from now on; store its mean since the last instant.
 
-        Its mean since the last instant is stored, with the charges and mean powers of fins that store charge.
+        If fins store charge, their charges and mean powers are stored, too.
         """
         level, consumption, _ = self._shared(source, each)
         self._mean = consumption
@@ -190,8 +190,7 @@ class MultiFin:
         return self._functions[0][_CORE + 3](*self._line, source, *self._of_line, consumption, self._mean, total)
 
     def _all_outputs(self, source: float, each: Outputs) -> tuple[Any, ...]:
-        """Return the outputs of line and fins; with stored charge, means over the last interval of current and powers.
-        """
+        """Return all outputs; current and powers of fins that store charge are means over the last interval."""
         if self._power is None:
             return tuple(x for outputs in each for x in outputs)
         averaged = self._charges and not self._stiff

@@ -5,7 +5,7 @@
 #include "core.h"
 #include "rules.h"
 
-/* Return whether the parameters break a rule; from numbers[1] on are the numbers of its message at the worst share. */
+/* Return whether the parameters break a rule; numbers[1] and following are for its message, at the worst share. */
 static inline bool rules_broken(const rule *one, const double *p, const double *constants, double *numbers)
 {
     const int scan = one->scanned ? RULE_SCAN : 0;

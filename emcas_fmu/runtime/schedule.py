@@ -1,7 +1,7 @@
 """The times of samples, arrivals and ticks.
 
-Time is counted in ticks. A sample period is cut at the instant at which the delayed reference reaches the drive. Both
-parts are divided into equal ticks that are no longer than the longest allowed. So samples and arrivals are at
+Time is counted in ticks. A sample period is cut at the instant at which the delayed reference reaches the drive. Each
+part is divided into equal ticks that are no longer than the longest allowed tick. Samples and arrivals are thus at
 boundaries of ticks, whatever the delay.
 """
 
@@ -13,9 +13,9 @@ from ..actuators.declaration import Actuator
 from ..control import command as bus
 from ..ops.base import Ops, Value
 
-# Communication points within this share of the sample time before or after a tick, but at most a quarter of the
-# shortest tick, count as being on it: the rounding of a host's time may put a point slightly before a sample, which
-# would delay the command by a whole sample.
+# Communication points nearer to a tick's boundary than this share of the sample time, but at most a quarter of the
+# shortest tick, count as being on it. By rounding, a host's time may be slightly before a sample, which would delay the
+# command by a whole sample.
 TOLERANCE = 1e-3
 # Relative amount by which a tick may exceed the longest allowed tick, so that rounding does not add a tick.
 _ROUNDING = 1e-9

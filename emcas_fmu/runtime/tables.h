@@ -4,8 +4,8 @@
 
 #include "many.h"
 
-/* An input of many runs: its first value, and the strides [doubles] to the next run and to the next row; 0 if they have
- * the same value. */
+/* An input of many runs: its first value, and the strides [doubles] to the next run and to the next row; a stride is 0
+ * if the value repeats. */
 typedef struct {
     const double *first;
     ptrdiff_t run, row;
@@ -19,24 +19,12 @@ typedef struct {
     size_t index, every;
 } output_column;
 
-/* Additional results of a run, after those of core_result; RUN_ALONE: it did not stay with its group. */
+/* Additional results of a run, after those of core_result. RUN_ALONE: the run did not stay with its group. */
 enum { RUN_REFUSED = CORE_TOO_MANY_TICKS + 1, RUN_INPUT_NOT_FINITE, RUN_ALONE };
 
-/* Return whether an output is stored at point `k`; in the usual case without a division, which is slow. */
-static inline bool is_stored_at(const output_column *column, size_t k)
-{
-    return column->every == 1 || k % column->every == 0;
-}
-
-/* Return the address of the first run's output at point `k`. */
-static inline double *value_at(const output_column *column, size_t k)
-{
-    return column->first + (ptrdiff_t)(column->every == 1 ? k : k / column->every) * column->row;
-}
-
 /* Many whole runs: their outputs at `points` points of time, `step` [s] apart and the first at 0. Each row of the
- * inputs, which have MODEL_INPUTS columns, is held for `held` steps. The stiffness [N.m/rad] of each run's `spring`,
- * unless NULL, times the output `angle` at a row is subtracted from the row's moment. `reached` is the number of points
+ * inputs, which have MODEL_INPUTS columns, is held for `held` steps. The `spring` of a run, unless NULL, subtracts its
+ * stiffness [N.m/rad] times the output `angle` at a row from the row's moment. `reached` is the number of points
  * that each run reached, and `result` the reason why it ended; outputs at later points are not written. */
 typedef struct {
     size_t points, held, angle, columns;
@@ -102,8 +90,12 @@ static void simulate(const lanes *values, unsigned which, const size_t *run, con
         if (t->spring && k % t->held == 0) inputs.loads[0] = inputs.loads[0] - stiffness * now[t->angle];
         for (size_t j = 0; j < t->columns; ++j) {
             const output_column *out = &t->out[j];
-            if (!is_stored_at(out, k)) continue;
-            double *to = value_at(out, k);
+            size_t stored = k;
+            if (out->every > 1) { /* the usual case is 1, without a division, which is slow */
+                if (k % out->every) continue;
+                stored = k / out->every;
+            }
+            double *to = out->first + (ptrdiff_t)stored * out->row;
             for (int l = 0; l < LANES; ++l)
                 if (which >> l & 1u) to[(ptrdiff_t)run[l] * out->run] = lanes_of(now[out->index], l);
         }

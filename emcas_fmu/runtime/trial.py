@@ -1,5 +1,4 @@
-"""The trial of a user's actuator before its first simulation; it finds mistakes that would silently give wrong numbers.
-"""
+"""The trial of a user's actuator before its first simulation, for mistakes that would silently give wrong numbers."""
 
 from __future__ import annotations
 
@@ -34,13 +33,13 @@ from .core import Functions
 
 _INTERVAL = 1e-3  # s between points of time
 _STEP = 50  # points of time of a short run
-# Angle at which the fin is released, as a share of the stop angle; multiple of this angle beyond which it moves away.
+# Angle at which the fin is released, as a share of the stop angle; a fin beyond this multiple of the angle moves away.
 _OFF, _AWAY = 0.02, 5.0
 _LEAVES = 0.5  # share of its angle by which a fin that is commanded to stay may leave it
 _ELSEWHERE = 0.01  # share of its angle by which a fin may start elsewhere: kinematics may be solved approximately
-# An event margin below this value at the start of so many steps in a row is wrong: its event should have occurred.
+# A margin below this value at the start of this number of steps in a row is wrong: its event should have occurred.
 _BELOW, _IN_A_ROW = -1e-9, 10
-# Relative differences: of a state for the Jacobian; by which rounding may change derivatives and outputs.
+# Relative difference of a state for the Jacobian, and relative error of derivatives and outputs by rounding.
 _DIFFERENCE, _ROUNDING = 1e-6, 1e-8
 _NEAR, _BEYOND = 0.9, 1.2  # start angle and command in the trial of command.limit, as shares of this limit
 _MOVING = 0.01  # rad, rad/s: offsets from rest at which outputs are compared and a load accelerates the fin
@@ -57,7 +56,7 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
 
     `row` contains its parameters; of its `inputs`, in SI, only the first values of the supply and of further inputs are
     used. A fin is released off centre and observed at `points` of time, 1 ms apart. `run` simulates as
-    :func:`.compiled.run_tables`; `by_floats` does the same, and its last argument binds functions to parameters. Raises
+    :func:`.compiled.run_tables`; `by_floats` also does, with a last argument that binds functions to parameters. Raises
     EmcasError for equations that cannot be traced, misused discontinuities, a state that no sample sets, outputs that
     contradict the port, and an event margin that is below 0 while its mode holds.
     """
@@ -148,7 +147,7 @@ def _half_distance(released: Mapping[str, Array]) -> Array:
 
 
 def _unused(model: str) -> Iterator[str]:
-    """Yield messages about parameters and inputs of a file on which nothing, or no motion, depends.
+    """Yield messages about parameters and inputs in a user's file on which nothing, or no motion, depends.
 
     Variables of the port and of capabilities are left out: tools and extensions may use them.
     """
@@ -181,9 +180,7 @@ def _require_of_port(actuator: Actuator, x: Array, shown: Callable[[Array], Mapp
 
 
 def _starts_elsewhere(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float], run: Run) -> str:
-    """Return a message if a fin does not start at its angle, or if, commanded to stay, it leaves it or is at a limit;
-    otherwise "".
-    """
+    """Return a message if a fin, commanded to stay at its start angle, is elsewhere or always saturated; or ""."""
     staying = _released(values, inputs, _STEP, run, command=1.0)
     off, start, half = _off(values), staying["fin_angle"][0, 0], _half_distance(staying)
     if abs(start - off) > _ELSEWHERE * off:
@@ -258,8 +255,8 @@ def _at_rest(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str,
              ) -> tuple[Array, Callable[..., Array], Callable[[Array], Mapping[str, Value]]]:
     """Return the states at rest while disabled, and functions for their derivatives and for outputs at a command of 0.
 
-    The arguments of the first are states, an aerodynamic moment [N.m] and whether the drive is enabled; the second has
-    the states alone.
+    The arguments for the derivatives are states, an aerodynamic moment [N.m] and whether the drive is enabled; for the
+    outputs the states alone.
     """
     assert actuator.source is not None  # only users' actuators are tried
     ops, of_file = LocatedFloats(actuator.source), partial(located, path=actuator.source)
@@ -286,9 +283,9 @@ def _at_rest(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str,
 
 
 def _load_problem(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> str:
-    """Return a message if the hinge moment does not accelerate a moving fin in its direction; otherwise "".
+    """Return a message if a hinge moment does not accelerate a moving fin in the moment's direction; otherwise "".
 
-    The message is "" also if fin_rate is not a state.
+    Without the state fin_rate there is no message.
     """
     if "fin_rate" not in names:
         return ""
@@ -305,9 +302,9 @@ def _load_problem(names: Sequence[str], x: Array, rates: Callable[..., Array]) -
 
 
 def _unstable(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> str:
-    """Return a message about a state that grows while disabled, by the derivatives; "" if there is none.
+    """Return a message about a state whose derivatives let it grow while disabled; otherwise "".
 
-    It grows both at the start and at the nearest equilibrium, which Newton's method approaches.
+    It must grow at the start and at the nearest equilibrium, which Newton's method approaches.
     """
     if not _grows(names, _jacobian(x, rates)):
         return ""
@@ -331,7 +328,7 @@ def _jacobian(x: Array, rates: Callable[..., Array]) -> Array:
 
 
 def _grows(names: Sequence[str], jacobian: Array) -> str:
-    """Return a message about a state that grows by the `jacobian`; "" if there is none, or if it is not finite."""
+    """Return a message about a state that grows by the `jacobian`; "" if none does, or the jacobian is not finite."""
     if not np.isfinite(jacobian).all():
         return ""  # the simulation names the value
     for name, rise in zip(names, np.diag(jacobian), strict=True):

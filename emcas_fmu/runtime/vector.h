@@ -1,5 +1,5 @@
-/* Vectors of LANES numbers, and their conditions, in the widest registers that the compiler's flags allow. In each lane
- * every operation gives the same bits as this operation on one number in C. */
+/* Vectors of LANES numbers, and conditions on them, in the widest registers that the compiler's flags allow. In each
+ * lane an operation gives the same bits as the operation on one number in C. */
 #ifndef EMCAS_VECTOR_H
 #define EMCAS_VECTOR_H
 
