@@ -35,9 +35,8 @@ def calibrate(
     compare: Annotated[list[str] | None, common.value(
         "Output to compare. Default: every output that all fitted files have. Repeatable.", "OUTPUT")] = None,
     delays: Annotated[bool, typer.Option("--delays", help="Also fit the delay of each measured output.")] = False,
-    robust: Annotated[bool, typer.Option(
-        "--robust", help="Weight large errors by their size instead of its square: for records with stick and slip "
-                         "or outliers.")] = False,
+    robust: Annotated[bool, typer.Option("--robust", help="Weight large errors by their size instead of its square, "
+                                         "for records with stick and slip or outliers.")] = False,
     seed: Annotated[int, common.value("Seed of the starting points.", "N", min=0)] = 1,
     output: Annotated[Path | None, common.output_option(
         "Write a parameter file: the fitted values and the changes in --parameters.")] = None,

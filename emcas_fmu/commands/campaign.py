@@ -26,9 +26,8 @@ EPILOG = common.examples(
 def campaign(
     file: Annotated[Path, typer.Argument(help="Campaign: factors, experiments, number of samples (TOML); see "
                                               "models/campaign.toml.", metavar="FILE")],
-    output: Annotated[Path | None, common.value(
-        "Folder for the results. Default: ./FILE_results. With --only: CSV file for the sample's signals.",
-        "FOLDER", "--output", "-o")] = None,
+    output: Annotated[Path | None, common.value("Folder for the results. Default: ./FILE_results. With --only: CSV "
+                                                "file for the sample's signals.", "FOLDER", "--output", "-o")] = None,
     fmu: Annotated[Path | None, common.value("Simulate this FMU instead of the package's kernel: slower, same figures.",
                                              "FILE.fmu")] = None,
     fin: common.FinOption = None,
@@ -38,9 +37,8 @@ def campaign(
     requirements: Annotated[str | None, common.value(
         "Judge every sample's parameters by the requirements in this file, or by the shipped ones, and compute the "
         "probability that each requirement is met; docs/use/requirements.md.", "FILE.toml|shipped")] = None,
-    workers: Annotated[int | None, common.value(
-        "Number of worker processes. Default: one per processor. 0: run in this process, without Dask.", "N",
-        min=0)] = None,
+    workers: Annotated[int | None, common.value("Number of worker processes. Default: one per processor. 0: run in "
+                                                "this process, without Dask.", "N", min=0)] = None,
     scheduler: Annotated[str | None, common.value("Address of a Dask scheduler, whose workers replace local processes.",
                                                   "ADDRESS")] = None,
     chunk: Annotated[int | None, common.value("Samples per task, and per file of the results. Default: by the "

@@ -49,7 +49,6 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="
 @common.failures()
 def _identify(kind: str, files: list[Path], parameters: list[Path] | None, output: Path | None, report: Path | None,
               as_json: Path | None, **options: Any) -> None:
-    """Identify parameters, write the requested files and print the estimates."""
     check_outputs(files, parameters, output, report, as_json)
     experiment = import_module(f"..studies.identification.{kind}", __package__)
     result: Identification = experiment.identify(
@@ -92,9 +91,8 @@ def show(result: Identification, *tables: Any) -> None:
 def friction(
     files: FilesArgument, parameters: common.ParametersOption = None, output: OutputOption = None,
     report: common.ReportOption = None, as_json: common.JsonOption = None,
-    keep_cold_ratios: Annotated[bool, typer.Option(
-        "--keep-cold-ratios", help="Keep the ratios of cold to warm friction from --parameters: for sweeps at one "
-                                   "temperature.")] = False,
+    keep_cold_ratios: Annotated[bool, typer.Option("--keep-cold-ratios", help="Keep the cold-to-warm ratios of "
+                                                   "--parameters, for sweeps at one temperature.")] = False,
 ) -> None:
     """Identify viscous and Coulomb friction per direction, and cold-to-warm ratios, from sweeps at constant speed.
 
@@ -104,7 +102,6 @@ def friction(
 
 
 def _add(kind: str, text: str, arguments: str) -> None:
-    """Add the command of an experiment without additional options."""
     @app.command(kind, help=text, epilog=common.examples("identify", f"{kind} {arguments}"))
     def command(files: FilesArgument, parameters: common.ParametersOption = None, output: OutputOption = None,
                 report: common.ReportOption = None, as_json: common.JsonOption = None) -> None:

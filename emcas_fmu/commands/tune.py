@@ -25,9 +25,8 @@ def tune(
              "models/tuning, otherwise models/tuning.toml.", metavar="FILE")] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
-    requirements: Annotated[Path | None, common.value(
-        "File of requirements (TOML) that replace those of the study; docs/use/requirements.md.", "FILE.toml",
-        ending=".toml")] = None,
+    requirements: Annotated[Path | None, common.value("File of requirements (TOML) that replace the study's; "
+                                                      "docs/use/requirements.md.", "FILE.toml", ending=".toml")] = None,
     output: Annotated[Path | None, common.output_option(
         "Write a parameter file: the gains and the changes in --parameters.")] = None,
     report: common.ReportOption = None,

@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from math import isfinite
-from typing import NoReturn
 
 import numpy as np
 
@@ -83,7 +82,8 @@ class Batch:
         for chunk in _chunks(len(sets), _CHUNK):
             prepared = prepare(library, sets[chunk])
             if prepared.refused.any():
-                self._refuse(chunk.start + int(np.argmax(prepared.refused)))
+                index = chunk.start + int(np.argmax(prepared.refused))
+                raise ParameterError([f"actuator {index}: {problem}" for problem in refusal(sets[index], self._model)])
             # Compared as bits, since 0 and -0 differ.
             varies |= (prepared.values.view(np.int64) != common.view(np.int64)).any(axis=0)
             schedules.append(prepared.schedules)
@@ -113,10 +113,6 @@ class Batch:
             return failed
 
         return groups, move
-
-    def _refuse(self, index: int) -> NoReturn:
-        row = self._parameters[min(index, len(self._parameters) - 1)]
-        raise ParameterError([f"actuator {index}: {problem}" for problem in refusal(row, self._model)])
 
     def hold(self, index: int, value: float | Array) -> None:
         """Hold the input with an `index` in the interface at a `value` in SI, a number for all or an array [count].

@@ -128,7 +128,6 @@ def c_text(value: str) -> str:
 
 
 def _rule_rows(some: Sequence[rules.Rule], tracer: Tracer, prefix: str, worded: Callable[[str], str]) -> str:
-    """Return the initialisers of a table of rules."""
     rows = []
     for i, (rule, function) in enumerate(zip(some, tracer.functions, strict=True)):
         if len(function.results) - 1 > MOST_NUMBERS:

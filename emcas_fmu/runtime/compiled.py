@@ -178,7 +178,6 @@ def longest_line(schedules: Array) -> int:
 
 def _failure(parameters: Array, inputs: Sequence[Array], run: int, reached: int, step: float, held: int,
              result: int, model: str) -> ValueError | ArithmeticError:
-    """Return the error of an incomplete run."""
     if result == _REFUSED:
         return ParameterError(refusal(parameters, model))
     if result == _INPUT_NOT_FINITE:
@@ -205,8 +204,7 @@ def all_finite(array: Array) -> bool:
 
 def address(array: Array) -> int:
     """Return the address of an array's first value."""
-    result: int = array.__array_interface__["data"][0]
-    return result
+    return int(array.__array_interface__["data"][0])
 
 
 def _layout(column: Array) -> tuple[int, int, int]:

@@ -96,14 +96,12 @@ class Core:
     @property
     def slack(self) -> float:
         """Tolerance of communication points [s]."""
-        slack: float = self.schedule[-1]
-        return slack
+        return float(self.schedule[-1])
 
     @property
     def latest(self) -> float:
         """Latest time of a host's clock [s]; its negative is the earliest."""
-        latest: float = LATEST * min(self.schedule[4:6])
-        return latest
+        return float(LATEST * min(self.schedule[4:6]))
 
     @property
     def state(self) -> tuple[Any, ...]:

@@ -48,10 +48,7 @@ def _digest(compiler: Compiler, target: Platform, model: str, lanes: int) -> str
 
 @cache
 def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
-    """Return the compiled library of a model, for vectors if `lanes` is above 1, or the reason why there is none.
-
-    If a compiler was tried in vain, the reason is also a warning.
-    """
+    """Return the compiled library of a model, for vectors if `lanes` is above 1, or the reason why there is none."""
     target = local_platform()
     if target is None:
         return "this platform is not known"

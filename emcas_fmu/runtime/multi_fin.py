@@ -161,10 +161,7 @@ class MultiFin:
         return level, consumption, power
 
     def _consumed_next(self, source: float, each: Outputs) -> float:
-        """Return the current or flow that the fins consume from now on; store its mean since the last instant.
-
-        If fins store charge, their charges and mean powers are stored, too.
-        """
+        """Return the current or flow that the fins consume from now on; store what they have consumed until now."""
         level, consumption, _ = self._shared(source, each)
         self._mean = consumption
         if not self._charges:

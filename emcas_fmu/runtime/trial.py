@@ -224,10 +224,7 @@ def _traced(watched: Actuator, values: Mapping[str, Any], model: str) -> Functio
 
 
 def _watched(actuator: Actuator, step: SwitchedStep, moves: bool) -> Actuator:
-    """Return a copy whose step raises EmcasError for misused discontinuities or an event margin that stays below 0.
-
-    Its step moves the states only if `moves`.
-    """
+    """Return a copy whose step, which moves the states only if `moves`, checks discontinuities and event margins."""
     assert actuator.source is not None
     source = actuator.source
     below: Counter[str] = Counter()
@@ -283,10 +280,7 @@ def _at_rest(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str,
 
 
 def _load_problem(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> str:
-    """Return a message if a hinge moment does not accelerate a moving fin in the moment's direction; otherwise "".
-
-    Without the state fin_rate there is no message.
-    """
+    """Return a message if a hinge moment does not accelerate a moving fin in the moment's direction; otherwise ""."""
     if "fin_rate" not in names:
         return ""
     fin = names.index("fin_rate")
@@ -302,14 +296,11 @@ def _load_problem(names: Sequence[str], x: Array, rates: Callable[..., Array]) -
 
 
 def _unstable(names: Sequence[str], x: Array, rates: Callable[..., Array]) -> str:
-    """Return a message about a state whose derivatives let it grow while disabled; otherwise "".
-
-    It must grow at the start and at the nearest equilibrium, which Newton's method approaches.
-    """
+    """Return a message about a state that grows while disabled, at the start and at the nearest equilibrium; or ""."""
     if not _grows(names, _jacobian(x, rates)):
         return ""
     scale = 1.0 + np.abs(x)
-    for _ in range(_NEWTON):
+    for _ in range(_NEWTON):  # Newton's method approaches the equilibrium
         jacobian, residual = _jacobian(x, rates), rates(x)
         if not np.isfinite(jacobian).all():
             return ""  # the simulation names the value
@@ -351,7 +342,6 @@ def _responses(values: Mapping[str, Any], inputs: Mapping[str, float], run: Call
 
 
 def _differ(responses: Mapping[str, Array]) -> bool:
-    """Return whether the fin angles of two responses differ."""
     one, other = responses["fin_angle"]
     return not np.array_equal(one, other, equal_nan=True)
 

@@ -65,8 +65,6 @@ typedef struct {
     uint64_t check;
 } state_head;
 
-/* -- logging ------------------------------------------------------------------ */
-
 static const char *const CATEGORY[] = LOG_CATEGORIES;
 enum {
     CATEGORIES = sizeof CATEGORY / sizeof *CATEGORY,
@@ -141,8 +139,6 @@ FMI(Status) FMI(SetDebugLogging)(void *c, FMI(Boolean) on, size_t n, const FMI(S
     m->logged = on ? chosen : m->logged & ~chosen;
     return FMI(OK);
 }
-
-/* -- parameters --------------------------------------------------------------- */
 
 static const double *parameters(const instance *m, size_t fin)
 {
@@ -233,8 +229,6 @@ static void prepare(instance *m)
     m->moved = 1; /* motion loads depend on parameters, too */
 }
 
-/* -- inputs and outputs ------------------------------------------------------- */
-
 /* Compute the inputs of a fin's core from the FMU's inputs `values`. */
 static void acting(const instance *m, size_t fin, const double *values, const double *motion_loads, core_inputs *out)
 {
@@ -282,8 +276,6 @@ static void refresh(instance *m)
     acting_now(m, now);
     multi_fin_outputs(&m->fins, &m->s.fins, now, m->s.values + OUTPUT_BEGIN);
 }
-
-/* -- variables ---------------------------------------------------------------- */
 
 /* Return whether a variable may be set; log an error if not. An input may be set to NaN; the next step refuses it. */
 static bool settable(const instance *m, size_t index, double value)

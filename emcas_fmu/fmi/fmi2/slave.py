@@ -159,7 +159,12 @@ class Slave(DeclaredSlave):
             # The caller refuses a motion that is not finite; its trigonometry would raise.
             self._motion_loads = core.motion_loads(*motion) if isfinite(sum(motion)) else self._nan_loads
             self._motion = motion
-        return self._acting(core)
+        values = self._values
+        if not self._several:
+            return self._inputs_of_one(values[:self.outputs.start], self._motion_loads)
+        rows = [[values[i] for i in indices] for indices in self.fin_inputs]
+        acting: tuple[Any, ...] = core.acting(rows, self._motion_loads, [values[i] for i in self.mixing])
+        return acting
 
     def _bind(self, anew: bool) -> Any:
         """Return the core, bound to the parameters: a new one if `anew`, as until the end of initialization."""
@@ -181,14 +186,6 @@ class Slave(DeclaredSlave):
             self._slack = self._core.slack + 1e-15 * abs(self._start)
             # A host that sums its steps misses the stop time by up to 1e-9 of it.
             self._latest = self._stop + self._core.slack + 1e-9 * abs(self._stop)
-
-    def _acting(self, core: Any) -> tuple[Any, ...]:
-        values = self._values
-        if not self._several:
-            return self._inputs_of_one(values[:self.outputs.start], self._motion_loads)
-        rows = [[values[i] for i in indices] for indices in self.fin_inputs]
-        acting: tuple[Any, ...] = core.acting(rows, self._motion_loads, [values[i] for i in self.mixing])
-        return acting
 
     def _get(self, kind: str, missing: Any, vrs: Sequence[int]) -> list[Any]:
         try:
@@ -282,10 +279,7 @@ class Slave(DeclaredSlave):
         self._forget()
 
     def _checked(self, state: StoredState) -> Any:
-        """Return a stored state if it can be one of this FMU; the checks are those of `unsound` in states.h.
-
-        Raises RefusedError.
-        """
+        """Return a stored state, or raise RefusedError if it cannot be one of this FMU, as `unsound` in states.h."""
         if len(state) != len(self._get_fmu_state()):
             raise RefusedError("FMU state refused: wrong number of values")
         start, now, phase, misuse, refusal, changed, values, bound, core_state, stop = state
