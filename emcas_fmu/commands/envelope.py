@@ -21,7 +21,7 @@ EPILOG = common.examples("envelope", "", '--duration "30 s" --plot envelope.svg 
 _ROWS = {"current / A": "current_a", "limited by": "bound_by", "  heat / A": "heat_current_a",
          "  i2t / A": "i2t_current_a", "  peak / A": "peak_current_a", "torque at standstill / N.m": "stall_torque_nm",
          "voltage limits from / rpm": "corner_speed_rad_per_s", "no-load speed / rpm": "no_load_speed_rad_per_s",
-         "winding then / degC": "winding_degc", "case then / degC": "case_degc"}
+         "winding at the end / degC": "winding_degc", "case at the end / degC": "case_degc"}
 
 
 def envelope(

@@ -27,7 +27,7 @@ from .common import failures
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 UNREAD = 141
-"""Exit code of a command whose reader has closed the pipe; shells report the same for any program."""
+"""Exit code if the reader of the output has closed the pipe, as shells report it for any program."""
 
 # Commands by the panels of `emcas --help`, in its order. The module with a command's name, in this folder, has either a
 # function of that name, whose arguments are the options, and an EPILOG of examples, or an `app` of several commands.

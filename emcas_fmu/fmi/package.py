@@ -82,18 +82,17 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
           interface: str = CONNECTIONS[0]) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
-    `backend` is ``python`` (the default for `fmi` ``2``, and for this only) or ``native`` (the default for `fmi`
-    ``3``). The native back end builds for `platforms` (default: all) with zig, or with the system compiler `cc` for
-    this platform only. With `clock` an FMU of FMI 3.0 has a clock of the controllers' samples, with `scalars` it has no
-    arrays. With `inputs` ``minimal`` only command and load are inputs, the others are tunable parameters. `names` of
-    variables are ``structured``, or ``flat``: without dots and brackets. The `identifier`, by default the model's name,
-    names library and C functions. Several `fins` share a supply and are in the `layout` ``plus`` or ``cross``; `files`
-    maps fin numbers, from 1, to parameter files that override `parameters`. With `references` the FMU contains
-    responses to compare with (:mod:`.references`). With a `part` the FMU is the ``controller`` or the ``plant`` alone
-    (:mod:`emcas_fmu.extensions.halves`), without references. With the `interface` ``torque`` the host models the fin
-    (:mod:`emcas_fmu.extensions.torque`), also without references. Raises EmcasError for invalid arguments,
-    ParameterError for a file's problems, BuildError if the FMU cannot be written, CompilerError if there is no
-    compiler.
+    `fmi` is ``2`` or ``3``, `backend` ``python`` (only for `fmi` ``2``, its default) or ``native``. The native back end
+    builds for `platforms` (default: all) with zig, or with the system compiler `cc` for this platform only. With
+    `clock` an FMU of FMI 3.0 has a clock of the controllers' samples, with `scalars` it has no arrays. With `inputs`
+    ``minimal`` only command and load are inputs, the others are tunable parameters. `names` of variables are
+    ``structured``, or ``flat``: without dots and brackets. The `identifier`, by default the model's name, names library
+    and C functions. Several `fins` share a supply and are in the `layout` ``plus`` or ``cross``; `files` maps fin
+    numbers, from 1, to parameter files that override `parameters`. With `references` the FMU contains responses to
+    compare with (:mod:`.references`), unless it is a `part`, ``controller`` or ``plant`` alone
+    (:mod:`emcas_fmu.extensions.halves`), or has the `interface` ``torque``, with which the host models the fin
+    (:mod:`emcas_fmu.extensions.torque`). Raises EmcasError for invalid arguments, ParameterError for a file's problems,
+    BuildError if the FMU cannot be written, CompilerError if there is no compiler or it fails.
     """
     fmi = str(fmi)
     backend = backend or ("python" if fmi == "2" else "native")

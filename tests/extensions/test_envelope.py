@@ -278,7 +278,7 @@ def test_what_rests_on_estimates_says_so(tmp_path: Path) -> None:
             assert ("heat.peak_time" in text) is estimated
         assert ("i2t / A (estimate)" in done.stdout) is estimated
         assert "current / A (estimate)" in done.stdout
-        assert "winding then / degC (estimate)" in done.stdout
+        assert "winding at the end / degC (estimate)" in done.stdout
 
 
 def test_nothing_is_an_estimate_where_all_is_given() -> None:
