@@ -55,7 +55,7 @@ def explore(
         *(part for each in settings or () for part in ("--set", each)),
         *common.option("--requirements", requirements and as_given(requirements)),
         *common.option("--output", output), *common.option("--date", date, "")])
-    with common.err.status("compiling the actuator for the browser; at first, zig builds its C library, in a minute"):
+    with common.err.status("compiling the actuator for the browser; the first time this takes a minute"):
         page = render(ParameterSubject(chosen, files), constants, command, date or today(), requirements)
     size = write(output, page)
     common.print_written(output)

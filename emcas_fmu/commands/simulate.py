@@ -65,7 +65,7 @@ def simulate(
                                       "Python, more slowly.", "N")] = 1,
     layout: common.LayoutOption = None,
     fin: common.FinFilesOption = None,
-    stop: Annotated[float | None, common.value("End of the simulation. Default: 0.5 with --step, the last row with "
+    stop: Annotated[float | None, common.value("End of the simulation. Default: 0.5 with --step, the last time with "
                                                "--input.", "SECONDS")] = None,
     interval: Annotated[float | None, common.value("Communication step. Default: 0.001, or that of the case.",
                                                    "SECONDS")] = None,

@@ -43,7 +43,7 @@ def tune(
 ) -> None:
     """Find controller gains that meet requirements in all cases, simulated with limits, friction and delay.
 
-    Gains are rounded as in the parameter file before they are judged. The result is never worse than the initial gains.
+    The result is judged with the digits in the parameter file, and is never worse than the initial gains.
     The shipped study takes about a minute on two processors. Ctrl-C ends the search: the best gains so far are shown
     and written, and the exit code is 130.
     """

@@ -76,7 +76,7 @@ class Format:
         return (*self.variables(interface), *(Array(v, len(interface.variables)) for v in more))
 
     def in_files(self, interface: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-        """Return columns or values of all fins by their names in the FMU; an array's last dimension is the fins."""
+        """Return columns or values of all fins by their names in the FMU; an array's last dimension counts fins."""
         if not self.arrays:
             return {name if name == "time" else interface.spelt(interface.name(name, fin)): value
                     for fin, each in enumerate(fins) for name, value in each.items()}

@@ -1,7 +1,7 @@
 """Checks of the samples and outputs of a user's actuator against its motion.
 
 The package cannot compute the actuator's measured angle, `limited` and power; it checks invariants that every sound
-actuator keeps. A power is known to be wrong if its energy is less than that of motor or fin, but not if it is too high.
+actuator keeps. A power that is too low for the energy of motor or fin is detected, a power that is too high is not.
 """
 
 from __future__ import annotations

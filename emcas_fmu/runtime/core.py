@@ -12,16 +12,16 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Any, NamedTuple
 
-# Most events in a tick. Usually there are a handful at most; a step with more than this does not advance.
+# Largest number of events in a tick. Usually there are a handful at most; a step with more does not advance.
 MOST_EVENTS = 500
 # Largest ratio of the time that a step takes to the rest of the tick: above 1 only by rounding.
 ROUNDED = 1.0 + 1e-9
 TOO_MANY_EVENTS = (f"more than {MOST_EVENTS} events in a tick: step() of the actuator does not reach the tick's end; "
                    "it must return a time above 0 and at most h")
-# Most ticks in one communication step. More are a mistake of the host, for which the step would seem to hang.
+# Largest number of ticks in one communication step. More are a mistake of the host: the step would seem to hang.
 MOST_TICKS = 100_000_000
-# Ticks from zero to the latest start. A host's time has there a resolution of an eighth of a tick. The tolerance for
-# rounding, four times that, and the slack, at most a quarter of a tick, together are less than a tick.
+# Ticks from zero to the latest start. There a double resolves an eighth of a tick. The tolerance for the rounding of
+# a host's time, four times that, and the slack, at most a quarter of a tick, together are less than a tick.
 LATEST = 2.0**49
 
 Functions = tuple[Callable[..., tuple[Any, ...]], ...]

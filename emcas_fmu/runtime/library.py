@@ -22,9 +22,9 @@ from .compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers,
 
 # Flags by the number of actuators in a vector. Unlike a host of an FMU, Python never traps floating-point exceptions.
 _VECTOR_FLAGS = {8: ("-fno-trapping-math", "-mavx512f", "-mavx512dq"), 4: ("-fno-trapping-math", "-mavx2")}
-# Numbers of steps of 1 ms: computed in Python, they take about as long as compiling; vectors save about that time.
+# Numbers of steps of 1 ms from which compiling saves time: for single actuators instead of Python, and for vectors.
 WORTH_COMPILING, WORTH_VECTORS = 10_000, 20_000_000
-# Numbers of steps that take as long as a look for a compiled library, which needs the printed source.
+# Numbers of steps from which a look for a compiled library saves time, though its source must be printed first.
 _WORTH_LOOKING = {WORTH_COMPILING: 1000, WORTH_VECTORS: 200_000}
 
 # Prototypes of exported functions in a library's sources: result, name and arguments.

@@ -161,7 +161,7 @@ class MultiFin:
         return level, consumption, power
 
     def _consumed_next(self, source: float, each: Outputs) -> float:
-        """Return the current or flow that the fins consume from now on; store what they have consumed until now."""
+        """Return the current or flow that the fins consume from now on; store its mean, charges and mean powers."""
         level, consumption, _ = self._shared(source, each)
         self._mean = consumption
         if not self._charges:

@@ -91,7 +91,7 @@ static void simulate(const lanes *values, unsigned which, const size_t *run, con
         for (size_t j = 0; j < t->columns; ++j) {
             const output_column *out = &t->out[j];
             size_t stored = k;
-            if (out->every > 1) { /* the usual case is 1, without a division, which is slow */
+            if (out->every > 1) { /* usually it is 1, and a division is slow */
                 if (k % out->every) continue;
                 stored = k / out->every;
             }

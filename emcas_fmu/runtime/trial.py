@@ -37,7 +37,7 @@ _STEP = 50  # points of time of a short run
 _OFF, _AWAY = 0.02, 5.0
 _LEAVES = 0.5  # share of its angle by which a fin that is commanded to stay may leave it
 _ELSEWHERE = 0.01  # share of its angle by which a fin may start elsewhere: kinematics may be solved approximately
-# A margin below this value at the start of this number of steps in a row is wrong: its event should have occurred.
+# An event margin below this value at the start of this number of steps in a row is wrong.
 _BELOW, _IN_A_ROW = -1e-9, 10
 # Relative difference of a state for the Jacobian, and relative error of derivatives and outputs by rounding.
 _DIFFERENCE, _ROUNDING = 1e-6, 1e-8

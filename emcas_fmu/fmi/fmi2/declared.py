@@ -97,7 +97,7 @@ class DeclaredSlave(ReportingSlave):
                 for message in check_rules([(check, *rule)], warnings)}
 
     def _warn(self) -> None:
-        """Log the warnings about parameters that are new since the last call."""
+        """Log the warnings about the parameters, except those that are logged already and still hold."""
         warnings = self._broken_rules(self._parameter_values(), warnings=True)
         for rule in warnings:
             if rule not in self._warned:

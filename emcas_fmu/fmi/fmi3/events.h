@@ -90,7 +90,7 @@ static core_result step_to_event(instance *m, double *end, bool *event)
     return result;
 }
 
-/* Step to `end` past any events; sets `event` to whether the outputs before and after differ by one. */
+/* Step to `end` past any events; sets `event` to whether the outputs before and after show one. */
 static core_result step_over_events(instance *m, double end, bool *event)
 {
     double before[FMU_OUTPUTS];
