@@ -82,10 +82,9 @@ class FmuInterface:
     def __post_init__(self) -> None:
         if not 1 <= self.fins <= MOST_FINS:
             raise EmcasError(f"fins {self.fins}: an FMU has 1 to {MOST_FINS} fins")
-        if self.spelling not in SPELLINGS:
-            raise EmcasError(f"names {self.spelling}: choose {' or '.join(SPELLINGS)}")
-        if self.connected not in INPUTS:
-            raise EmcasError(f"inputs {self.connected}: choose {' or '.join(INPUTS)}")
+        for option, value, choices in (("names", self.spelling, SPELLINGS), ("inputs", self.connected, INPUTS)):
+            if value not in choices:
+                raise EmcasError(f"{option} {value}: choose {' or '.join(choices)}")
         if self.own_identifier is not None and not _IDENTIFIER.fullmatch(self.own_identifier):
             raise EmcasError(f"identifier {self.own_identifier!r}: it is not a C identifier, which names functions and "
                              "library: choose 1 to 64 letters, digits and _, not beginning with a digit")

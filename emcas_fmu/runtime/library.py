@@ -32,6 +32,7 @@ _PROTOTYPE = re.compile(r"^API (\w+) (\w+)\(([^)]*)\)", re.MULTILINE)
 _C_TYPES: Mapping[str, Any] = {"void": None, "int": ct.c_int, "size_t": ct.c_size_t, "uint64_t": ct.c_uint64,
                                "double": ct.c_double}
 _loading = threading.Lock()
+_steps: dict[tuple[str, int], float] = defaultdict(float)  # in this process, by model and lanes
 
 
 @cache
@@ -89,9 +90,6 @@ def worth(model: str, steps: float, lanes: int = 1) -> bool:
 def milliseconds(points: float, step: float) -> float:
     """Return the number of steps of 1 ms that take as long as `points` steps of `step` [s], at least `points`."""
     return points * max(step / 1e-3, 1.0)
-
-
-_steps: dict[tuple[str, int], float] = defaultdict(float)  # in this process, by model and lanes
 
 
 def _is_cached(model: str, lanes: int) -> bool:
