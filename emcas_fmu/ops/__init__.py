@@ -1,6 +1,6 @@
 """The operations that equations use, over floats, arrays, symbols and traced programs.
 
-Equations are written once, as functions whose first argument is one of these namespaces:
+Equations are written once, as functions whose first argument `ops` is one of these namespaces:
 
 - ``floats.FLOATS`` plain Python numbers (standard library only),
 - ``arrays.ARRAYS`` NumPy arrays, element by element,

@@ -12,8 +12,8 @@ Thunk = Callable[[], tuple[Value, ...]]
 class Ops(Protocol):
     """Operations in addition to the operators ``+ - * /`` and ``< <= > >=`` of the values.
 
-    Functions from `sin` to `maximum` are those of mathematics, with angles in rad. Conditions are bool, boolean arrays
-    or symbols. `both`, `either` and `negate` combine them, since ``and``, ``or`` and ``not`` cannot be traced.
+    Angles are in rad; `clip` limits x to the range from `low` to `high`. Conditions are bool, boolean arrays or
+    symbols. `both`, `either` and `negate` combine conditions, since ``and``, ``or`` and ``not`` cannot be traced.
     """
 
     def sin(self, x: Value) -> Value: ...
@@ -38,13 +38,14 @@ class Ops(Protocol):
         ...
 
     def pow(self, x: Value, y: Value) -> Value:
-        """Return x to the power y: x is 0 or above and y above 0, or y is a whole number from -64 to 64."""
+        """Return x to the power y: x is above 0, or 0 with y above 0, or y is a whole Python number from -64 to 64."""
         ...
 
     def interp(self, x: Value, points: Sequence[Value], values: Sequence[Value]) -> Value:
         """Return the value at x on the lines between increasing points; beyond the points the first or last value.
 
-        Raises ValueError for numbers that do not rise, fewer than two points, or a different number of values.
+        Raises ValueError for points that are numbers and do not rise, for fewer than two points, and for another number
+        of values than of points.
         """
         ...
 
@@ -56,13 +57,13 @@ class Ops(Protocol):
     def either(self, a: Value, b: Value) -> Value: ...
     def negate(self, a: Value) -> Value: ...
     def where(self, condition: Value, yes: Value, no: Value) -> Value:
-        """Return `yes` where the condition holds, else `no`; both may be evaluated."""
+        """Return `yes` where the condition holds, else `no`."""
         ...
 
     def branch(self, condition: Value, yes: Thunk, no: Thunk, rare: bool = False) -> tuple[Value, ...]:
-        """Return several values from one of two functions; a `rare` condition seldom holds.
+        """Return the values of one of two functions, each a tuple of the same length; a `rare` condition seldom holds.
 
         Floats and generated scalar code evaluate only the chosen function. Arrays, symbols and vector code may evaluate
-        both, so neither may fail where it is not chosen.
+        both functions, so neither may fail where it is not chosen.
         """
         ...

@@ -9,7 +9,7 @@ from typing import Any
 
 from .base import Value
 
-# tanh x = x (1 + c1 x^2 + ...) below 0.1, to 4e-15: the quotient of exponentials loses digits there.
+# Below 0.1 tanh x is the series x (1 + c1 x^2 + ...), within 4e-15: the quotient of exponentials loses digits there.
 _SMALL, _TANH = 0.1, (1.0, -1.0 / 3.0, 2.0 / 15.0, -17.0 / 315.0, 62.0 / 2835.0, -1382.0 / 155925.0)
 _MOST = 64  # largest whole exponent for which powers are products
 

@@ -1,15 +1,15 @@
 """Elementary functions from the four operations: the same bits on every platform, in every language and in vectors.
 
-The functions of C libraries differ in their last digits. These are written once, over `ops`: floats evaluate them,
-:mod:`emcas_fmu.trace.elementary` traces each once, and the printers print each as a function of the language. Their
-order of operations is kept; short parallel chains (Estrin's scheme) are faster than one long chain (Horner's).
+The functions of C libraries differ in their last digits. The functions here are written once, over `ops`: floats
+evaluate them, :mod:`emcas_fmu.trace.elementary` traces each once, and the printers print each as a function of the
+language, with the same order of operations.
 
-The polynomials interpolate at Chebyshev nodes, computed with 50 digits; their truncation error is below 2e-17 of the
-function. The last operations add their rounding, 1/2 ulp each, or less if they act on a smaller part of the result: the
-bounds in the docstrings include both. Tests compare with 45 digits.
+The coefficients of the polynomials were computed with 50 digits, by interpolation at Chebyshev nodes. The truncation
+error is below 2e-17 of the function. The last operations add rounding of 1/2 ulp each, or less if they act on a smaller
+part of the result. The bounds in the docstrings include truncation and rounding; tests compare with 45 digits.
 
-Operations in a branch that is not chosen neither divide by zero nor are invalid, since some hosts trap floating-point
-exceptions. NaN returns NaN.
+Some hosts trap floating-point exceptions. An operation whose result is not chosen therefore never divides by zero and
+is never invalid. The function of NaN is NaN.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ NAMES = ("exp", "log", "sin", "cos", "tan", "atan")
 
 
 class Bits(Ops, Protocol):
-    """The operations, and two more for the exponent of a number."""
+    """The operations of equations, and two for the binary exponent of a number."""
 
     def power_of_two(self, k: Value) -> Value:
         """Return 2**k for a whole number k from -1022 to 1023."""
@@ -35,7 +35,7 @@ class Bits(Ops, Protocol):
         ...
 
 
-# Adding and subtracting this rounds a number below 2**51 to a whole number, since numbers this large have no fraction.
+# Adding and subtracting this rounds a number below 2**51 to a whole number, since so large a number has no fraction.
 _WHOLE = 1.5 * 2.0**52
 
 # The high parts of ln 2 (32 bits) and of pi/2 (33 bits) have exact products with whole numbers below 2**20.
@@ -70,7 +70,7 @@ _TAN_PI_8, _TAN_3_PI_8 = float.fromhex("0x1.a827999fcef32p-2"), float.fromhex("0
 _PI_4, _PI_2 = ((float.fromhex(f"0x1.921fb54442d18p{e}"), float.fromhex(f"0x1.1a62633145c07p{e - 54}"))
                 for e in (-1, 0))
 
-# exp is 0 below the first: e^-708 is 1.5 times the smallest number with all digits. The largest is e^709.78.
+# exp is 0 below the first: e^-708 is 1.5 times the smallest number with all digits. The largest number is e^709.78.
 _LEAST_EXPONENT, _MOST_EXPONENT = -708.0, 709.8
 # Arguments of log below 2**-1000 are scaled.
 _SMALL, _LARGER = 2.0**-1000, 2.0**100
@@ -78,7 +78,10 @@ _LARGEST = float.fromhex("0x1.fffffffffffffp+1023")
 
 
 def polynomial(x: Value, coefficients: Sequence[Value]) -> Value:
-    """Return a polynomial of x by Estrin's scheme (pairs, then pairs of pairs); the constant coefficient is first."""
+    """Return a polynomial of x by Estrin's scheme (pairs, then pairs of pairs); the constant coefficient is first.
+
+    Its short parallel chains of operations are faster than the one long chain of Horner's scheme.
+    """
     terms: list[Value] = list(coefficients)
     while len(terms) > 1:
         pairs = [low + high * x for low, high in zip(terms[::2], terms[1::2], strict=False)]
@@ -90,8 +93,8 @@ def polynomial(x: Value, coefficients: Sequence[Value]) -> Value:
 def exp(ops: Bits, x: Value) -> Value:
     """Return e^x within 1.1 ulp; 0 below x = -708, infinity beyond the largest number.
 
-    x = k ln 2 + r, e^x = 2^k e^r. The sum's last addition rounds by 1/2 ulp, that of r and what follows (less than
-    0.36) by 1/4 ulp of a result above 0.7, as does r.
+    x = k ln 2 + r, e^x = 2^k e^r. The last addition, of 1 and e^r - 1, rounds by 1/2 ulp. The rounding of e^r - 1 and
+    that of r are at most 1/4 ulp of e^r each.
     """
     inside = ops.clip(x, _LEAST_EXPONENT, _MOST_EXPONENT)
     k = inside * _INVERSE_LN2 + _WHOLE - _WHOLE
@@ -105,7 +108,7 @@ def log(ops: Bits, x: Value) -> Value:
     """Return the natural logarithm within 1 ulp; -infinity for 0, NaN for negative numbers.
 
     x = 2^e (1 + f) with 1 + f from 1/sqrt(2) to sqrt(2), log(1 + f) = 2 atanh(s) with s = f/(2 + f). As in Sun's
-    fdlibm the largest part of this, f, is added last: log(1 + f) = f - (f^2/2 - s (f^2/2 + R(s^2))).
+    fdlibm the largest part of log(1 + f), which is f, is added last: log(1 + f) = f - (f^2/2 - s (f^2/2 + R(s^2))).
     """
     ordinary = ops.where(ops.both(x > 0.0, x <= _LARGEST), x, 1.0)
     small = ordinary < _SMALL
@@ -126,9 +129,9 @@ def log(ops: Bits, x: Value) -> Value:
 def _reduced(ops: Bits, x: Value) -> tuple[Value, Value]:
     """Return k and r of x = k pi/2 + r.
 
-    The first difference is exact, the other two round by 1/2 ulp of r each. The truncation of pi/2 and the rounding of
-    the product of k and the last part of pi/2 are at most 1e-32 |x| while k is below 2^20. For a larger k the error of
-    r grows until r is arbitrary; the limit of r keeps sine and cosine within 1.
+    The first difference is exact; the other two round by 1/2 ulp of r each. While k is below 2^20, the truncation of
+    pi/2 and the rounding of the product of k and the last part of pi/2 are at most 1e-32 |x|. For a larger k the error
+    of r grows until r is arbitrary; r is limited, so that sine and cosine stay within -1 and 1.
     """
     k = x * _TWO_OVER_PI + _WHOLE - _WHOLE
     r = x - k * _HALF_PI[0] - k * _HALF_PI[1] - k * _HALF_PI[2]
@@ -136,7 +139,7 @@ def _reduced(ops: Bits, x: Value) -> tuple[Value, Value]:
 
 
 def _sine(ops: Bits, x: Value, turned: float) -> Value:
-    """Return the sine of x plus `turned` quarters of a turn; x within pi/4 is not reduced."""
+    """Return the sine of x [rad] plus `turned` quarter turns; x within +-pi/4 is not reduced."""
     def reduced() -> tuple[Value, ...]:
         k, r = _reduced(ops, x)
         quarters = k + turned if turned else k
@@ -152,19 +155,20 @@ def _sine(ops: Bits, x: Value, turned: float) -> Value:
 
 
 def sin(ops: Bits, x: Value) -> Value:
-    """Return the sine of an angle [rad]: within 1.6 ulp up to 1000, 2.5 ulp up to a million, and 1e-32 |x|."""
+    """Return the sine of x [rad] within 1.6 ulp up to 1000 rad, 2.5 ulp up to a million, plus 1e-32 |x|."""
     return _sine(ops, x, 0.0)
 
 
 def cos(ops: Bits, x: Value) -> Value:
-    """Return the cosine of an angle [rad]: within 1.6 ulp up to 1000, 2.5 ulp up to a million, and 1e-32 |x|."""
+    """Return the cosine of x [rad] within 1.6 ulp up to 1000 rad, 2.5 ulp up to a million, plus 1e-32 |x|."""
     return _sine(ops, x, 1.0)
 
 
 def tan(ops: Bits, x: Value) -> Value:
-    """Return the tangent of an angle [rad]: within 2.5 ulp up to pi/4, 4 ulp up to a million, and 1e-32 |x|.
+    """Return the tangent of x [rad] within 2.5 ulp up to pi/4, 4 ulp up to a million, plus 1e-32 |x|.
 
-    tan(r) = r + a/b with a = r z P(z), b = Q(z), z = r^2; a quarter turn later it is -b/(r b + a): one division.
+    tan(r) = r + a/b with a = r z P(z), b = Q(z), z = r^2; a quarter turn later it is -b/(r b + a). Both need one
+    division.
     """
     def reduced() -> tuple[Value, ...]:
         k, r = _reduced(ops, x)
@@ -179,9 +183,9 @@ def tan(ops: Bits, x: Value) -> Value:
 
 
 def atan(ops: Bits, x: Value) -> Value:
-    """Return the angle [rad] of a tangent within 1.8 ulp.
+    """Return the angle [rad] of a tangent x within 1.8 ulp.
 
-    Beyond tan(pi/8) and tan(3 pi/8) it is pi/4 or pi/2 more than the angle of (x - 1)/(x + 1) or -1/x.
+    From tan(pi/8) on it is pi/4 plus the angle of (x - 1)/(x + 1), from tan(3 pi/8) on pi/2 plus that of -1/x.
     """
     def reduced() -> tuple[Value, ...]:
         size, side = ops.fabs(x), ops.where(x < 0.0, -1.0, 1.0)

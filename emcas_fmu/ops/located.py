@@ -1,4 +1,4 @@
-"""Operations on floats by IEEE 754, as in compiled code; a number that is not finite stores where it became so."""
+"""Operations on floats by IEEE 754, as in compiled code; a number that is not finite stores its origin."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ _OPERATORS = {"add": "+", "sub": "-", "mul": "*", "truediv": "/"}
 class LocatedFloat(float):
     """A number whose operations are followed in the file `path`.
 
-    If it is not finite, `origin` is the operation that made it so from finite numbers: file, line, function, numbers.
+    If it is not finite, `origin` is the operation on finite numbers from which it results: file, line, function and
+    numbers.
     """
 
     __slots__ = ("origin", "path")
@@ -65,7 +66,7 @@ def _operator(name: str, template: str, swapped: str = "") -> Callable[..., Loca
 
     def method(self: LocatedFloat, *other: Value) -> LocatedFloat:
         try:
-            if isfinite(value := own(self, *other)):  # almost always; this makes them twice as fast
+            if isfinite(value := own(self, *other)):  # almost always true; operators are twice as fast by this test
                 return located(value, self.path)
         except (ZeroDivisionError, TypeError):  # TypeError: the operator of float does not accept the other
             pass

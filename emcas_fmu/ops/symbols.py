@@ -1,4 +1,4 @@
-"""Operations on CasADi expressions; the only module that imports CasADi (extra `symbols`)."""
+"""Operations on CasADi expressions (extra `symbols`)."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ SYMBOLS = SymbolOps()
 class Linearised:
     """A function of `size` expressions with its exact Jacobian, by algorithmic differentiation of its operations.
 
-    `parameters` are further symbols in the function; `varies` is true if values or slopes depend on them.
+    `parameters` are further symbols in the function; `varies` is true if values or Jacobian depend on them.
     """
 
     def __init__(self, function: Callable[..., Sequence[Value]], size: int, parameters: Any = None) -> None:
@@ -61,6 +61,6 @@ class Linearised:
         self._both = ca.Function("function", [x, symbols], [y, slopes])
 
     def __call__(self, point: Sequence[float], parameters: Sequence[float] = ()) -> tuple[Any, Any]:
-        """Return values [m] and Jacobian [m, n] at a point [n], as NumPy arrays."""
+        """Return values, of shape (m,), and Jacobian, (m, n), at a point of n numbers, as NumPy arrays."""
         values, slopes = self._both(list(point), list(parameters))
         return values.full().ravel(), slopes.full()

@@ -1,4 +1,4 @@
-"""Printer of traced programs as C99: the order of operations is that of the Python source, so results are equal."""
+"""Printer of traced programs as C99, with the order of operations of the Python source, so that results are equal."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ TEMPLATES = {
 }
 _CONDITIONS = {"less", "less_equal", "greater", "greater_equal", "equal", "both", "either", "negate"}
 
-# The last bit of a double between 2**52 and 2**53 is worth 1: a whole number that is added is in the last bits.
+# The last bit of a double between 2**52 and 2**53 is worth 1: adding a whole number to 2**52 puts it in the last bits.
 _HELPERS = """\
-/* A condition that hardly ever holds: code behind it is put where it is in nobody's way. */
+/* A condition that seldom holds: the compiler moves the code for it out of the usual path. */
 #if defined __GNUC__
 #define ELEMENTARY_RARELY(condition) __builtin_expect(!!(condition), 0)
 #else
@@ -39,7 +39,7 @@ static inline double elementary_power_of_two(double k)
     return power;
 }
 
-/* The exponent of a number above 2 to the power of -1022. */
+/* The exponent of a number of at least 2 to the power of -1022. */
 static inline double elementary_exponent(double x)
 {
     uint64_t bits;
@@ -50,15 +50,16 @@ static inline double elementary_exponent(double x)
 
 
 def c_elementary(tracer: Tracer) -> str:
-    """Return functions with one argument and one result as ``static inline double elementary_<name>(double x)``."""
+    """Return the C text of functions ``static inline double elementary_<name>(double x)``."""
     return "\n".join([_HELPERS, *_ElementaryWriter(tracer).elementary("elementary")])
 
 
 def c_source(tracer: Tracer, prefix: str, templates: Mapping[str, str] = TEMPLATES) -> str:
-    """Return declarations and static functions of a header.
+    """Return the C text of a program: its sizes and its static functions.
 
     ``<prefix>_prepare(p, c)`` computes the constants `c` [<PREFIX>_CONSTANTS] from the parameters `p`
-    [<PREFIX>_PARAMETERS]. The arguments of each function are `p`, `c`, its own, and the array `out` of its results.
+    [<PREFIX>_PARAMETERS]. The other functions have the arguments `p`, `c`, those of the traced function, and the array
+    `out` for its results.
     """
     writer = CWriter(tracer, templates)
     upper = prefix.upper()
@@ -96,12 +97,12 @@ class CWriter(Writer):
         super().__init__(tracer, templates)
         self._tracer = tracer
         self.conditions: set[str] = set()
-        # Constants are the prologue's values that functions read; its other values are local to it.
+        # Constants are the prologue's values that functions read; the other values are local to the prologue.
         self.constants = {s.name: i for i, s in enumerate(
             s for s in tracer.prologue.statements if isinstance(s, Assign) and s.name in self.read_by_functions)}
 
     def functions(self, prefix: str) -> list[str]:
-        """Return the lines of functions of parameters, constants and arguments that fill an array of results."""
+        """Return the lines of all functions; each fills an array of results from parameters, constants, arguments."""
         lines = []
         first, used = (f"{self.which} which, ", "(void)which, ") if self.which else ("", "")
         for function in self._tracer.functions:
@@ -168,7 +169,7 @@ class CWriter(Writer):
         return lines
 
     def is_condition(self, statement: Assign) -> bool:
-        """Return whether the result of an operation is a condition; that of `where` is if both values are."""
+        """Return whether the result of an operation is a condition: for `where`, whether both its values are."""
         if statement.operation == "where":
             return all(self.holds(value) for value in statement.operands[1:])
         return statement.operation in _CONDITIONS

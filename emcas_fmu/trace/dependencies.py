@@ -12,7 +12,7 @@ from .tracer import Assign, Block, Expr, If, Operand, Tracer
 
 
 class Known(NamedTuple):
-    """Bounds of a value, and the names on which it depends; a constant depends on none."""
+    """Bounds of a value, and the names of the parameters and arguments on which it depends; a constant has none."""
 
     low: float = -inf
     high: float = inf
@@ -36,9 +36,9 @@ def of_parameters(tracer: Tracer, parameters: Mapping[str, Known]) -> Mapping[st
 
 
 def dependencies(tracer: Tracer, name: str, arguments: Sequence[Known], fixed: Mapping[str, Known]) -> list[Known]:
-    """Return the bounds and dependencies of the results of a function, whose values are all assumed to be finite.
+    """Return bounds and dependencies of the results of a function; all its values are assumed to be finite.
 
-    `arguments` are those of its arguments, `fixed` is the result of :func:`of_parameters`.
+    `arguments` are the bounds and dependencies of its arguments; `fixed` is the result of :func:`of_parameters`.
     """
     (function,) = (f for f in tracer.functions if f.name == name)
     known = {**fixed, **dict(zip(function.printed, arguments, strict=True))}
@@ -82,7 +82,7 @@ def _assigned(statement: Assign, values: Sequence[Known]) -> Known:
     operation = statement.operation
     if operation == "where":
         return _chosen(*values)
-    # An operand that is certainly the smallest, the largest, or within the limits is the result; others have no effect.
+    # The result is the operand that is certainly the smallest, the largest, or within the limits, if there is one.
     if operation in ("minimum", "maximum", "clip") and (sure := _sure(operation, values)):
         return sure
     if operation == "subtract" and _same(*statement.operands):
@@ -109,7 +109,7 @@ def _truth(surely: bool, possibly: bool) -> _Bounds:
 
 
 def _of_corners(function: Callable[[float, float], float]) -> Callable[[_Bounds, _Bounds], _Bounds]:
-    """Return a function for the bounds of a function of two values whose extremes are at the corners of intervals."""
+    """Return the bounds, as a function of two intervals, of a `function` whose extremes are at the intervals' ends."""
     def bounds(a: _Bounds, b: _Bounds) -> _Bounds:
         corners = [function(x, y) for x, y in product(a, b)]
         return min(corners), max(corners)
@@ -126,7 +126,7 @@ def _divided(a: _Bounds, b: _Bounds) -> _Bounds:
 
 
 def _rising(function: Callable[[float], float], at_least: float = -inf) -> Callable[[_Bounds], _Bounds]:
-    """Return a function for the bounds of a rising function that is defined from `at_least` on."""
+    """Return the bounds, as a function of an interval, of a rising `function` that is defined from `at_least` on."""
     def of(x: float) -> float:
         try:
             return function(max(x, at_least))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import cache
 
 from ..ops import elementary
 from .tracer import Tracer
@@ -13,9 +13,5 @@ def traced() -> Tracer:
     """Return the traced functions :data:`emcas_fmu.ops.elementary.NAMES`, with one argument and one result each."""
     tracer = Tracer()
     for name in elementary.NAMES:
-        tracer.function(name, ("x",), partial(_results, name, tracer))
+        tracer.function(name, ("x",), lambda x, name=name: (getattr(elementary, name)(tracer, x),))
     return tracer
-
-
-def _results(name: str, tracer: Tracer, x: object) -> tuple[object]:
-    return (getattr(elementary, name)(tracer, x),)

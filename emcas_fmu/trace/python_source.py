@@ -24,7 +24,7 @@ _TEMPORARY = re.compile(r"\bt\d+\b")
 def python_source(tracer: Tracer, docstring: str, spelling: Callable[[str], str] = str) -> str:
     """Return the source text of a module with `make(parameters)`, which returns a tuple of the program's functions.
 
-    `parameters` maps names, each as `spelling` returns it, to values.
+    `parameters` maps names to values; the name of a parameter there is `spelling(key)`.
     """
     writer = _PythonWriter(tracer, TEMPLATES)
     body: list[str] = []
@@ -44,7 +44,7 @@ def python_source(tracer: Tracer, docstring: str, spelling: Callable[[str], str]
 
 
 def _elementary(names: Container[str]) -> list[str]:
-    """Return the lines of those elementary functions that are among `names`."""
+    """Return the lines of the elementary functions with these `names`."""
     tracer = elementary.traced()
     writer = _PythonWriter(tracer, TEMPLATES)
     lines = []
@@ -79,7 +79,7 @@ def _registers(lines: Sequence[str]) -> list[str]:
 
     The frame of a call has room for every local variable. With hundreds of variables it may not fit into the
     interpreter's present stack chunk; the interpreter would then map and unmap a new chunk at each call. A temporary is
-    in use from the first line with its name to the last, also in the branch of a condition that does not set it.
+    in use from the first line with its name to the last, even in a branch between them that does not set it.
     """
     used = [dict.fromkeys(_TEMPORARY.findall(line)) for line in lines]
     last = {name: number for number, temporaries in enumerate(used) for name in temporaries}

@@ -1,5 +1,4 @@
-"""Comparison of two traces of a user's functions, whose equations must not depend on values that change between calls.
-"""
+"""Comparison of two traces of a user's functions: a value that changes between calls must not be in an equation."""
 
 from __future__ import annotations
 
@@ -11,7 +10,7 @@ from .tracer import Expr, If, Tracer
 
 
 class LocatedTracer(Tracer):
-    """A tracer that stores the location in a Python file at which each value was computed, "" for other files."""
+    """A tracer that stores, for each value, the location in a Python file where it is computed; "" in other files."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -30,9 +29,9 @@ def same(tracer: Tracer, again: Tracer) -> bool:
 
 
 def changed(tracer: Tracer, located: LocatedTracer, of_function: Callable[[str], str]) -> EmcasError:
-    """Return the error for two traces of the same functions that differ, with file, line and function.
+    """Return the error for two different traces of the same functions, with file, line and function.
 
-    `of_function` returns the location of a function of the program; it is used for values from other files.
+    `of_function(name)` returns the location of a function of the program, used for values from other files.
     """
     before, after = _operations(tracer), _operations(located)
     index = min((i for i in {*before, *after} if before.get(i) != after.get(i)), default=None)
@@ -45,7 +44,7 @@ def changed(tracer: Tracer, located: LocatedTracer, of_function: Callable[[str],
 
 
 def _operations(tracer: Tracer) -> dict[int, str]:
-    """Return the operations of a program as texts, by the index of the value that each computes."""
+    """Return the operations of a program as texts, by the index of the computed value."""
     texts: dict[int, str] = {}
     blocks = [tracer.prologue, *(f.block for f in tracer.functions)]
     while blocks:

@@ -1,9 +1,9 @@
 """Tracing: operations that record themselves turn equations into a straight-line program.
 
-A traced function needs no calls, attribute look-ups or repeated subexpressions. Its operations are those of the
-original in the same order, so that both have equal results. Values that depend on parameters alone are computed in a
-prologue that runs once; the operations of a branch stay inside the branch. :mod:`emcas_fmu.trace.python_source`
-and :mod:`emcas_fmu.trace.c_source` print the program.
+A traced function looks up no attributes, calls only elementary functions, and computes no value twice. Its operations
+are those of the original function in the same order, so the results are equal. Values that depend on parameters alone
+are computed in a prologue that runs once. :mod:`emcas_fmu.trace.python_source` and :mod:`emcas_fmu.trace.c_source`
+print the program.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ BITS = ("power_of_two", "exponent")
 
 
 def _operator(operation: str, swapped: bool = False) -> Callable[[Expr, Value], Value]:
-    """Return the operator that records an operation on a traced value and another, which is first if `swapped`."""
+    """Return the operator that records an operation on a traced value and another value, the first if `swapped`."""
     def record(self: Expr, other: Value) -> Value:
         return self.tracer.emit(operation, other, self) if swapped else self.tracer.emit(operation, self, other)
 
@@ -63,7 +63,7 @@ class Expr:
         return self.name
 
     __hash__ = None  # type: ignore[assignment]
-    __array_ufunc__ = None  # NumPy then refuses such a value instead of calling its operators for each element
+    __array_ufunc__ = None  # NumPy then refuses a traced value instead of calling its operators for each element
 
     def __eq__(self, other: object) -> bool:
         raise TypeError("traced values are compared by ops.equal, not by == or !=")
@@ -93,7 +93,7 @@ class Expr:
         return self.tracer.fabs(self)
 
     def __mul__(self, other: Value) -> Value:
-        # A product with 1 or -1 is exact: leaving it out changes no bit.
+        # A product with 1 or -1 is exact: it is left out without changing a bit.
         if not isinstance(other, Expr) and abs(other) == 1.0:
             return self if other > 0.0 else -self
         return self.tracer.emit("multiply", self, other)
@@ -135,7 +135,7 @@ class Block:
 
 @dataclass(slots=True)
 class _Scope:
-    """Conditions and values known while a block is traced, in addition to those of the `outer` scopes."""
+    """Conditions and values known while a block is traced, in addition to those in the `outer` scopes."""
 
     outer: _Scope | None = None
     holding: dict[str, bool] = field(default_factory=dict)
@@ -153,7 +153,7 @@ class _Scope:
         return None
 
     def holds(self, condition: Value) -> Value:
-        """Return the truth of a condition if a branch around the block determines it, else the condition."""
+        """Return True or False if a branch around the block determines the condition, else the condition."""
         scope: _Scope | None = self
         while scope is not None and isinstance(condition, Expr):
             condition = scope.holding.get(condition.name, condition)
@@ -170,13 +170,13 @@ _RESERVED = re.compile(rf"([pctr]\d+|{'|'.join(_WORDS.split())})_*")
 
 
 def _printed(argument: str) -> str:
-    """Return an argument's name for generated code, different from all temporaries, parameters and reserved words."""
+    """Return an argument's name for generated code; it is no temporary, parameter or reserved word."""
     return f"{argument}_" if _RESERVED.fullmatch(argument) else argument
 
 
 @dataclass
 class Traced:
-    """A function of the program: its arguments, their printed names, statements and results."""
+    """A function of the program: its name, its arguments as passed and as printed, its statements and results."""
 
     name: str
     arguments: Sequence[str]
@@ -189,7 +189,7 @@ class Tracer(Derived):
     """An operations namespace (:class:`emcas_fmu.ops.base.Ops`) that records its operations."""
 
     def __init__(self) -> None:
-        self._itself = weakref.proxy(self)  # for values, without a cycle that only the garbage collector removes
+        self._itself = weakref.proxy(self)  # for values; a strong reference would be a cycle, which is collected late
         self._first = self._scope = _Scope()
         self.prologue = self._first.block
         self._count = 0
@@ -203,7 +203,7 @@ class Tracer(Derived):
     # -- leaves and functions ------------------------------------------------
 
     def parameter(self, key: str) -> Expr:
-        """Return a parameter of the program, which `make` reads from its mapping by `key`."""
+        """Return a parameter of the program, with the name `key` in the mapping that the caller passes to `make`."""
         name = f"p{len(self.parameters)}"
         self.parameters.append((name, key))
         return Expr(self._itself, name, True)
@@ -219,8 +219,8 @@ class Tracer(Derived):
     # -- operations ----------------------------------------------------------
 
     def emit(self, operation: str, *operands: Value) -> Expr:
-        """Return the value of an operation, which is recorded unless its value has been computed before."""
-        fixed, key = True, [operation]  # numbers as printed: 0.0 and -0.0 are equal, but differ in their bits
+        """Return the value of an operation, which is recorded unless it has been recorded before."""
+        fixed, key = True, [operation]  # with numbers as text: 0.0 and -0.0 are equal, but differ in their bits
         for operand in operands:
             if isinstance(operand, Expr):
                 fixed = fixed and operand.fixed

@@ -1,4 +1,4 @@
-"""Base of the printers of traced programs: it counts how often values are read, nests expressions, orders blocks."""
+"""Base of the printers of traced programs: it counts how often values are read, and converts blocks to lines."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ARITHMETIC = {
 
 
 class Writer(ABC):
-    """A printer that converts blocks to lines. It omits values that are never read and inlines those read once.
+    """A printer that converts blocks to lines; it omits values that are never read, and inlines values read once.
 
     `templates` are the texts of operations in the language, with the operands as ``{0}``, ``{1}``, ``{2}``. An operand
     that occurs twice in a template counts as read twice.

@@ -1,7 +1,7 @@
 """Printer of traced programs as C over vectors: the scalar program's operations in its order, for several actuators.
 
-In runtime/vector.h ``lanes`` contains a number and ``lanes_mask`` a condition for each actuator of a vector. A branch
-runs if one of the lanes that count needs it; its values are selected in the lanes that need it.
+In runtime/vector.h ``lanes`` contains a number and ``lanes_mask`` a condition for each actuator of a vector. A side of
+a branch runs if one or more of the lanes that count need it; its values are selected in the lanes that need it.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ TEMPLATES = {**ARITHMETIC, **{name: f"lanes_{name}({', '.join(f'{{{i}}}' for i i
 
 
 def vector_elementary(tracer: Tracer) -> str:
-    """Return functions with one argument and one result as ``static inline lanes lanes_<name>(lanes x)``."""
+    """Return the C text of functions ``static inline lanes lanes_<name>(lanes x)``."""
     return "\n".join(_VectorWriter(tracer).elementary(
         "lanes", "    const unsigned which = LANES_ALL;", "    (void)which;"))
 
 
 def vector_source(tracer: Tracer, prefix: str) -> str:
-    """Return functions over lanes, like those of :func:`emcas_fmu.trace.c_source.c_source` over numbers.
+    """Return the C text of functions over lanes, like those of :func:`emcas_fmu.trace.c_source.c_source` over numbers.
 
     Their first argument has a bit for each lane that counts; the results of other lanes have no meaning. The scalar
     program computes the constants of each lane.
