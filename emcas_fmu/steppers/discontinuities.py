@@ -1,20 +1,20 @@
 """Dry friction, stops, backlash and limits, which an actuator lists beside smooth equations.
 
-The equations read the values of all but stops from the plant inputs ``u``:
+The equations read the effect of a discontinuity, other than a stop, from the plant inputs ``u``:
 
     Coulomb("friction", "fin_rate", torque)   u.friction [N.m], positive against a positive rate. At rest derivatives
                                               read 0, and outputs the holding torque, up to breakaway times `torque`
-    Stop("fin_angle", "fin_rate", limit)      no value: the angle stays within +-limit, and an impact is inelastic
+    Stop("fin_angle", "fin_rate", limit)      nothing: the angle stays within +-limit, and an impact is inelastic
     Backlash("mesh", deflection, half_gap)    u.mesh, the deflection beyond the gap; u.mesh_closed, 1 in contact, else 0
     Limit("voltage", value, high, low)        u.voltage, the value between low (default -high) and high
 
-A torque, deflection, gap, value or limit is a number, the name of a parameter, or a function of (ops, p, x, u). That
-function reads the values of limits and gaps in ``u``, but of no friction; the function of a limit or gap reads only
-those listed before it. The equations are stepped from event to event (:mod:`emcas_fmu.steppers.events`): a body starts,
-comes to rest or meets its stop; a contact closes or opens; a value meets or leaves its limit. Linear analysis leaves
-out frictions and stops and treats a backlash as closed and without a gap.
+A torque, deflection, gap, value or limit is a number, the name of a parameter, or a function of (ops, p, x, u). The
+function of a friction or stop may read the values of all limits and gaps in ``u``; the function of a limit or gap may
+read those listed before it. No function may read a friction. The equations are stepped from event to event
+(:mod:`emcas_fmu.steppers.events`): a body starts, comes to rest or meets its stop; a contact closes or opens; a value
+meets or leaves its limit. Linear analysis leaves out frictions and stops, and treats a gap as closed and of no width.
 
-A body at rest stays there while the deceleration by breakaway friction exceeds its acceleration without friction. This
+A body at rest stays there while its deceleration by breakaway friction exceeds its acceleration without friction. This
 needs no inertia, but the derivative of the rate must be linear in the friction.
 """
 
@@ -36,7 +36,7 @@ from .smooth import Derivatives
 Equation = Callable[[Ops, Any, Record, Record], Value] | str | float
 # The event margins of a limit are larger by this share of 1 + |limit|: they stay positive exactly at the limit.
 _WIDER = 1e-12
-_LINEAR = 1e-6  # relative tolerance of checked derivatives, for their rounding where other terms are large
+_LINEAR = 1e-6  # relative tolerance of checked derivatives, which other, larger terms round
 
 
 def _widening(ops: Ops, limit: Value) -> Value:
@@ -53,9 +53,10 @@ def _value(equation: Equation, ops: Ops, p: Any, x: Record, u: Record) -> Value:
 class Coulomb:
     """Dry friction of a body: a torque of the size `torque` [N.m] opposes the state `rate` [rad/s].
 
-    The torque must not be negative. A body at rest starts beyond `breakaway` times the torque, a ratio [-] of at least
-    1. The derivative of the rate must be linear in the friction; no other derivative may depend on it. A body that
-    starts and turns back within a step ends the step at rest, with a Stop also at the angle of the step's start.
+    The torque must not be negative. A body at rest starts beyond `breakaway` times the torque; `breakaway` is a ratio
+    [-] of at least 1. The derivative of the rate must be linear in the friction; no other derivative may depend on the
+    friction. A body that starts and turns back within a step ends the step at rest. If it has a Stop, it also returns
+    to its angle at the start of the step.
     """
 
     name: str
@@ -77,7 +78,7 @@ class Stop:
 class Limit:
     """A `value` limited to the range from `low` to `high`, in the unit of the value; `low` is -`high` by default.
 
-    At a limit the output saturated is true if the limit `saturates`.
+    If the limit `saturates`, the output ``saturated`` is true at `low` and `high`.
     """
 
     name: str
@@ -88,7 +89,7 @@ class Limit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names under which equations read the values."""
+        """The names in ``u`` of the values that equations read."""
         return (self.name,)
 
     def range(self, ops: Ops, p: Any, x: Record, u: Record) -> tuple[Value, Value]:
@@ -101,7 +102,7 @@ class Limit:
         return {self.name: ops.where(side > 0.0, high, ops.where(side < 0.0, low, value))}
 
     def smooth(self, ops: Ops, value: Value, low: Value, high: Value) -> Values:
-        """Return the values that linear analysis reads, by name; they are limited there, too."""
+        """Return the values that linear analysis reads, by name; it also limits the value."""
         return {self.name: ops.clip(value, low, high)}
 
 
@@ -136,22 +137,22 @@ class _At(NamedTuple):
 
 
 class _Body(NamedTuple):
-    """A body: the name of its rate, and the dry friction and the stop that act on that rate."""
+    """A body: the name of its rate, and the dry friction and the stop with that rate, if any."""
 
     rate: str
     friction: Coulomb | None
     stop: Stop | None
 
     def angle_and_limit(self, ops: Ops, p: Any, x: Record, u: Record) -> tuple[Value, Value]:
-        """Return the angle and the limit of the stop [rad]; without a stop 0 and infinity."""
+        """Return the angle and the stop's limit [rad]; without a stop 0 and infinity."""
         return (0.0, inf) if self.stop is None else (getattr(x, self.stop.angle), _value(self.stop.limit, ops, p, x, u))
 
 
 class System:
-    """A plant of smooth `derivatives`, which return d/dt of every state, with discontinuities.
+    """A plant with discontinuities; its smooth `derivatives` return d/dt of every state.
 
     Raises EmcasError if two frictions or two stops have the same rate, or if a friction or stop names a state that is
-    not among `states`. The first simulation raises EmcasError if limits, torques or derivatives do not fit.
+    not among `states`. The first simulation raises EmcasError for the problems that `_check` lists.
     """
 
     def __init__(self, derivatives: Derivatives, discontinuities: Sequence[Discontinuity], states: Sequence[str]
@@ -180,7 +181,7 @@ class System:
         return self._free(ops, p, x, u)
 
     def present(self, ops: Ops, p: Any, x: Record, u: Record) -> tuple[Any, Value]:
-        """Return the plant inputs with every value for the outputs, and whether a limit that saturates is reached."""
+        """Return the plant inputs with the values that outputs read, and whether a limit that saturates is reached."""
         u, limits = self._limited(ops, p, x, u)
         active = reduce(ops.either, (ops.negate(ops.equal(limits[each.name].side, 0.0)) for each in self._limits
                                      if each.saturates), False)
@@ -199,8 +200,10 @@ class System:
 
     def _limited(self, ops: Ops, p: Any, x: Record, u: Record, mode: Record | None = None
                  ) -> tuple[Record, dict[str, _At]]:
-        """Return the plant inputs with the values of limits and gaps, and these by name; their sides are those of the
-        `mode`, or follow from the present values."""
+        """Return the plant inputs with the values of limits and gaps, and the limits and gaps themselves by name.
+
+        Which side of a limit is reached follows from `mode` or, without a mode, from the present value.
+        """
         limits = {}
         for each in self._limits:
             value, (low, high) = _value(each.value, ops, p, x, u), each.range(ops, p, x, u)
@@ -223,8 +226,8 @@ class System:
         return acceleration - with_friction, torque, _value(friction.breakaway, ops, p, x, u)
 
     def _check(self, ops: Ops, p: Any, x: Record, u: Record) -> None:
-        """Raise EmcasError for limits in the wrong order, values below their minimum, and derivatives that misuse one.
-        """
+        """Raise EmcasError for a limit or gap that no derivative reads or whose low limit is above the high one, for a
+        stop not above 0 or of a wrong derivative, and for a friction that :meth:`_check_friction` refuses."""
         u, read = _reading(u)
         u, limits = self._limited(ops, p, x, u)
         rates = self._free(ops, p, x, u)
@@ -246,6 +249,8 @@ class System:
                 self._check_friction(ops, p, x, u, body.rate, body.friction)
 
     def _check_friction(self, ops: Ops, p: Any, x: Record, u: Record, rate: str, friction: Coulomb) -> None:
+        """Raise EmcasError for a torque below 0, a breakaway ratio below 1, and derivatives that are not linear in the
+        friction, do not fall with it, or depend on it although they are not those of `rate`."""
         name = friction.name
         if (torque := _value(friction.torque, ops, p, x, u)) < 0.0:
             raise EmcasError(f"Coulomb {name}: its torque is {torque:.4g}; it must be 0 or above")
@@ -281,7 +286,7 @@ class System:
         return Record(sides={name: at.side for name, at in limits.items()}, bodies=bodies)
 
     def _acting(self, ops: Ops, p: Any, x: Record, u: Record, m: Record) -> Any:
-        """Return the plant inputs with every value, as derivatives read them in a mode."""
+        """Return the plant inputs with all values that derivatives read in a mode."""
         u, _ = self._limited(ops, p, x, u, m)
         directions = {rate: slide.direction for rate, (slide, _) in m.bodies.items()}
         return _with(u, {body.friction.name: directions[body.rate] * _value(body.friction.torque, ops, p, x, u)
@@ -300,7 +305,7 @@ class System:
         rates = self._free(ops, p, x, u)
         for body in self._bodies:
             slide, rests = m.bodies[body.rate]
-            # A sliding body comes to rest where this margin is 0; a body that starts in this step begins with 0.
+            # A sliding body comes to rest where this margin is 0; for a body that starts in this step it begins at 0.
             slides = 1.0 if body.friction is None else ops.where(
                 ops.equal(slide.direction, 0.0), 1.0, slide.direction * getattr(x, body.rate))
             if body.friction is not None and callable(body.friction.torque):  # the holding torque may change in a step

@@ -1,12 +1,12 @@
 """One step of rotor and fin with an elastic drive line between them (:mod:`emcas_fmu.physics.drive_line`).
 
-Both motions make one implicit midpoint step under the midpoint torque of the line, which conserves the energy of an
+Rotor and fin make one implicit midpoint step under the line's torque at mid-step. The rule conserves the energy of an
 undamped line, however stiff. Dry friction on both sides is solved together with the motions: a body at rest that
 friction holds stays exactly there. The current follows its exponential for the back-EMF at the mean speed.
 
 The equations are smooth while all event margins are above 0: the gap ahead of a flank or the pressure on it, both
-speeds, the distances to the fin's stops, the voltage reserve of the drive. The step ends at the first event
-(:func:`emcas_fmu.steppers.events.first_event`), and the caller continues from there.
+speeds, the distances to the fin's stops, and the distance of the drive's demand from its voltage limit. The step ends
+at the first event (:func:`emcas_fmu.steppers.events.first_event`), and the caller continues from there.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from .electrical import ElectricalMode, electrical_mode, reserve, resolved_step,
 from .events import PROGRESS, Values, first_event
 from .rigid import friction_speed, integral_end, stops
 
-# The separation of a flank is at least this share of the step after its start: in less time, a slow motion may be
-# smaller than the rounding of its angle. Meanwhile the flank pulls, which removes energy.
+# A flank separates at least this share of the step after its start: in less time, a slow motion may be smaller than the
+# rounding of its angle. Until then the flank pulls, which removes energy.
 _LEAVING = 1e-3
-_LEAST_LOCKING = 1e-12  # smallest value of -e: the longest step for a screw that does not lock is as good as unlimited
+_LEAST_LOCKING = 1e-12  # smallest value of -e, so that the step of a screw that does not lock is hardly limited
 
 
 class Pair(NamedTuple):
-    """The states: angle [rad] and speed [rad/s] of the rotor, motor current [A], drive integral [V]; angle and speed of
-    the fin, referred to the motor."""
+    """The states: angle [rad] and speed [rad/s] of the rotor, motor current [A], drive integral [V], and angle [rad]
+    and speed [rad/s] of the fin, referred to the motor."""
 
     motor_angle: Value
     motor_speed: Value
@@ -49,8 +49,8 @@ class _Mode(NamedTuple):
 
 
 class _Electric(NamedTuple):
-    """The mean current at_rest - slope w [A] at a mean speed w [rad/s]; the weights of the starting current in the mean
-    current (`kept`) and in the current at the end (`decay`)."""
+    """Coefficients of the current in a step: its mean is at_rest - slope w [A] at a mean speed w [rad/s]; `kept` and
+    `decay` are the weights [-] of the starting current in the mean current and in the current at the end."""
 
     at_rest: Value
     slope: Value
@@ -101,18 +101,18 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
 
         (2 J/h + b + K_t K_e' + k) W - k U = r_1 - friction        (2 J_f/h + b_f + k) U - k W = r_2 - friction
 
-    where k = h K/2 + D. The matrix is symmetric and the solution under friction minimises a convex function, so it is
-    unique. Friction that falls with speed is evaluated at a rotor speed `at` [rad/s], by default the mid-step speed of
-    a first solution.
+    where k = h K/2 + D. The matrix is symmetric. The solution under friction minimises a convex function and is
+    therefore unique. Friction that falls with speed is evaluated at a rotor speed `at` [rad/s], by default the mid-step
+    speed of a first solution.
     """
     if at is None:
         at = friction_speed(ops, p, s, lambda: 0.5 * (
             s.motor_speed + _advanced(ops, p, c, s, acting, mode, h, s.motor_speed).motor_speed))
     if not screw.lossy(p):
         return _solved(ops, p, c, s, acting, mode, h, at)[0]
-    # The load L on the screw grows with W, whatever the friction at the fin. With either efficiency e so does the left
-    # side of the rotor's row while 2 J/h + b + K_t K_e' + e k > 0: the sign of L is then the same with both. A screw
-    # that locks, e < 0, needs steps that are short enough (:func:`longest_step`).
+    # The load L on the screw grows with W, whatever the friction at the fin. For either value of e the left side of the
+    # rotor's row also grows with W while 2 J/h + b + K_t K_e' + e k > 0: the sign of L is then the same with both
+    # values. A screw that locks, e < 0, needs steps that are short enough (:func:`longest_step`).
     # If `at` is against the motor's direction, the efficiencies are those at rest.
     along = ops.where(at * s.motor_speed < 0.0, 0.0, at) if screw.falls(p) else at
     (driving, load, way), (driven, _, _) = (
@@ -124,7 +124,7 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
 def longest_step(ops: Ops, p: Any, c: drive_line.Line, most: float) -> Value:
     """Return the longest step [s] in which the acceleration of a screw that locks, e < 0, is unique.
 
-    In it -e k, with k = h K/2 + D, is at most the share `most` of 2 J/h. This is also enough for a fin at rest.
+    In this step -e k, with k = h K/2 + D, is at most the share `most` of 2 J/h, which is also enough for a fin at rest.
     """
     locking = ops.maximum(-screw.backward(ops, p), _LEAST_LOCKING)
     inertia = most * screw.rotor_inertia(p)
@@ -136,9 +136,9 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
             felt: Value | None = None) -> tuple[Pair, Value, Value]:
     """Return the end of :func:`_advanced`, the load on the screw [N.m] and the rotor's direction (-1, 0, 1).
 
-    If e times the load acts on the rotor (`felt`), its row of the equations is, with J = J_r + e J_n, J_n of the nut,
+    If the load acts on the rotor with a factor e (`felt`), the rotor's row of the equations is
 
-        (2 J/h + b + K_t K_e' + e k) W - e k U = r_1 - friction
+        (2 J/h + b + K_t K_e' + e k) W - e k U = r_1 - friction        J = J_r + e J_n, J_n of the nut
     """
     def at_rotor(x: Value) -> Value:
         return x if felt is None else felt * x
@@ -191,7 +191,7 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
     _, pushed = _beyond(ops, r_2 + k * rotor_alone, high, low)
     fin_held = ops.both(fin_rests, ops.equal(pushed, 0.0))
     n_2 = r_2 - ops.where(fin_rests, ops.where(pushed > 0.0, high, low), sliding)
-    # The products k k are left out: they cancel.
+    # The terms with k^2 are left out: they cancel.
     determinant = alone_1 * alone_2 + k * (alone_1 + at_rotor(alone_2))
     w = ops.where(fin_held, rotor_alone, ((alone_2 + k) * n_1 + at_rotor(k) * n_2) / determinant)
     u = ops.where(fin_held, 0.0, ((alone_1 + at_rotor(k)) * n_2 + k * n_1) / determinant)
@@ -260,7 +260,7 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
     whole = _advanced(ops, p, c, s, acting, mode, h)
     before, after = _margins(ops, p, c, s, s, mode), _margins(ops, p, c, s, whole, mode)
 
-    # A margin that is 0 at the start causes no event, except that of a stop towards which the fin moves.
+    # A margin that is 0 at the start causes no event, except at a stop towards which the fin moves.
     outward = {"upper stop": whole.fin_side_angle > s.fin_side_angle,
                "lower stop": whole.fin_side_angle < s.fin_side_angle}
     lost = {name: ops.both(after[name] <= 0.0, outward.get(name, y > 0.0)) for name, y in before.items()}

@@ -2,8 +2,8 @@
 
 The steppers of all motors and the extensions for heat and supply use these functions, which do not depend on how the
 motor moves. A state `s` has the fields of :class:`Plant`. Actuators that step from event to event
-(:mod:`emcas_fmu.steppers.events`) integrate motor current and drive integral together with their other states, by
-:func:`rates`, :func:`reserve` and :func:`integral_end`.
+(:mod:`emcas_fmu.steppers.events`) integrate motor current and drive integral together with their other states; they
+use :func:`rates`, :func:`reserve` and :func:`integral_end`.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive
 
-# The demanded voltage counts as at its limit within this share of the limit: the end of a step at the limit is rounded.
+# Within this share of the limit the demanded voltage counts as at the limit: the end of a step there is rounded.
 _BAND = 1e-6
-# A voltage limit that falls with the current acts as a resistance. Steps at such a limit are at most the first number
-# times the winding's time constant with that resistance, unless the second times the longest tick is longer.
+# A voltage limit that falls with the current acts as a resistance. A step at such a limit is at most the larger of two
+# times: the first number times the winding's time constant with that resistance, and the second times the longest tick.
 _RESOLVED, _SHORTEST = 0.1, 0.03
 _TINY = 1e-300  # instead of a divisor of 0
 States = TypeVar("States", bound=tuple[Any, ...])
@@ -50,8 +50,8 @@ class ElectricalMode(NamedTuple):
     supply: Value  # [V]
     i_ref: Value  # [A]
     enabled: Value
-    stays: Value  # 1 where the demand stays at the limit and the integral follows the current
-    at_limit: Value  # 1 where the step starts at the limit; always with an ideal loop or PWM
+    stays: Value  # 1 if the demand stays at the limit and the integral follows the current, else 0
+    at_limit: Value  # 1 if the step starts at the limit, and with an ideal loop or PWM; else 0
 
     def limit_at(self, ops: Ops, p: Any, speed: Value, current: Value) -> Value:
         """Return the voltage limit [V] at a motor speed [rad/s] and a current [A]."""
@@ -60,11 +60,11 @@ class ElectricalMode(NamedTuple):
 
 def electrical_mode(ops: Ops, p: Any, s: Any, u: Record, h: Value,
                     acceleration: Callable[[], Value] = lambda: 0.0) -> ElectricalMode:
-    """Return the electrical mode at the start of a step of `h` [s]; `acceleration` returns that of the motor [rad/s2].
+    """Return the electrical mode of a step of `h` [s] from `s`; `acceleration` returns that of the motor [rad/s2].
 
-    A demand at the limit may rise beyond it if the voltage is not clipped, and fall below it if the voltage is clipped,
-    which holds the integral. The demand then stays at the limit, and the integral follows the current (Filippov's
-    sliding solution). A clipped voltage equals the limit at mid-step, for speed and current extrapolated to there.
+    A demand at the limit may rise beyond the limit while the voltage is not clipped, but fall below the limit while the
+    voltage is clipped and the integral held. The demand then stays at the limit, and the integral follows the current
+    (Filippov's sliding solution). A clipped voltage is the limit for speed and current extrapolated to mid-step.
     """
     if p.structure.current == "pwm":
         return _pwm_mode(ops, p, u)
@@ -123,7 +123,7 @@ def switched(ops: Ops, s: Any, enabled: Value) -> dict[str, Value]:
 
 
 def resolved_step(ops: Ops, p: Any, s: Any, u: Record, h: Value) -> Value:
-    """Return `h` [s], or a shorter step where the voltage is clipped at a limit that falls steeply with the current."""
+    """Return `h` [s], or a shorter step if the voltage is clipped at a limit that falls steeply with the current."""
     if p.structure.current != "loop":
         return h
 
@@ -147,10 +147,7 @@ def begun(ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[Record, Val
 
 
 def rates(ops: Ops, p: Any, d: ElectricalMode, s: Any) -> dict[str, Value]:
-    """Return d/dt of motor current [A/s] and drive integral [V/s] by name in a mode; both are 0 in a disabled drive.
-
-    A clipped voltage equals the limit at mid-step.
-    """
+    """Return d/dt of motor current [A/s] and drive integral [V/s] by name in a mode; both are 0 in a disabled drive."""
     free = ops.equal(d.side, 0.0)
     voltage = ops.where(free, drive.voltage_demand(p, d.i_ref, s.motor_current, s.drive_integral), d.source)
     rise = (voltage - p.motor.resistance * s.motor_current - drive.back_emf(p, s.motor_speed)) / p.motor.inductance
@@ -159,7 +156,7 @@ def rates(ops: Ops, p: Any, d: ElectricalMode, s: Any) -> dict[str, Value]:
 
 
 def integral_end(ops: Ops, p: Any, d: ElectricalMode, s: Any) -> Value:
-    """Return the drive integral [V] at the end `s` of a step; a demand that stays at the limit is at the limit then."""
+    """Return the drive integral [V] at the end `s` of a step, with which a demand that stays at the limit is at it."""
     at_limit = d.side * d.limit_at(ops, p, s.motor_speed, s.motor_current) - p.drive.kp * (d.i_ref - s.motor_current)
     return ops.where(d.enabled, ops.where(d.stays > 0.0, at_limit, s.drive_integral), 0.0)
 

@@ -1,11 +1,11 @@
 """One step of equations that are smooth between events: stick and slip, locking, valves that open, limits, stops.
 
-It serves actuators whose events have no closed forms. A mode defines which equations apply: values by name, chosen at
-the start of the step and constant in it (such as a lever's ratio at mid-step). The step integrates the states by
-ROS2 (:mod:`emcas_fmu.steppers.smooth`), L-stable and of second order. Each event margin of a mode is above 0 while the
-mode holds. The step ends where the first margin is lost, that is, falls to 0, which a secant and a correction locate.
-There `landed` sets values that are known exactly, such as the speed 0 of a body that comes to rest, and the caller
-continues with the mode of that state.
+It serves actuators whose events have no closed forms. A mode defines which equations apply. It consists of values by
+name, chosen at the start of the step and constant in the step, such as a lever's ratio at mid-step. ROS2
+(:mod:`emcas_fmu.steppers.smooth`), L-stable and of second order, integrates the states. Each event margin of a mode is
+above 0 while the mode holds. The step ends where the first margin is lost, that is, falls to 0; a secant and a
+correction locate this time. There `landed` sets values that are known exactly, such as the speed 0 of a body that comes
+to rest, and the caller continues with the mode of that state.
 
 A margin that is 0 at the start of a step, such as the speed of a body that starts, causes no event in the step.
 """
@@ -24,8 +24,8 @@ from .smooth import ros2
 
 # An event is at least this share of the step after its start, so that every call advances.
 PROGRESS = 1e-6
-# The zero of a margin is far if more than the first share of its starting value remains at the first estimate of the
-# time. The step then advances by at least the second share of `h`.
+# The zero of a margin is far away if, at the estimated time, more than the first share of the margin's starting value
+# remains. The step then advances by at least the second share of `h`.
 _FAR, _FURTHER = 0.5, 1.0 / 16.0
 Values = Mapping[str, Value]
 
@@ -37,12 +37,12 @@ class Switched:
     mode(ops, p, x, u, h)               the mode of a step of `h` [s] that starts at `x`
     derivatives(ops, p, x, u, mode)     d/dt of the states; states without a derivative are constant
     margins(ops, p, x, u, mode)         event margins, above 0 while the mode holds
-    landed(ops, p, begin, x, u, mode, events)  corrected values of states at `x`, the end of a step from `begin`; the
-                                        event of the margin that was lost there is true
+    landed(ops, p, begin, x, u, mode, events)  corrected values of states at `x`, the end of a step from `begin`;
+                                        `events` is true for the margin that was lost there
     check(ops, p, x, u)                 raises EmcasError for values or equations that do not fit the events; called in
                                         the first simulation of a user's actuator
-    begun(ops, p, x, u, h)              states at the start, some switched by inputs, and a step up to `h` [s]
-    least                               smallest share of a step before the event of a margin; by default PROGRESS, 1e-6
+    begun(ops, p, x, u, h)              states at the start, some switched by inputs, and a step [s] of at most `h`
+    least                               by margin, the smallest share of the step before its event; else PROGRESS, 1e-6
     """
 
     mode: Callable[[Ops, Any, Record, Any, Value], Record]
@@ -54,7 +54,7 @@ class Switched:
     least: Values = field(default_factory=dict)
 
     def step(self, as_built: Callable[[Ops, Any], Any]) -> SwitchedStep:
-        """Return the function `step(ops, p, x, u, h)`; `as_built(ops, p)` returns the parameters of the plant."""
+        """Return the step function of the system; `as_built(ops, p)` returns the parameters of the plant."""
         return SwitchedStep(self, as_built)
 
 
@@ -98,12 +98,12 @@ def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) 
 
     whole = moved(h)
     start, after = margins(x), margins(whole)
-    before = {name: y for name, y in start.items() if after[name] is not y}  # the same value: no event
+    before = {name: y for name, y in start.items() if after[name] is not y}  # a constant margin has no event
     lost = {name: ops.both(after[name] <= 0.0, y > 0.0) for name, y in before.items()}
 
     def to_event() -> tuple[Value, ...]:
         first = first_event(ops, h, before, after, lost, lambda time: margins(moved(time)), system.least)
-        # A margin that first grows, or hardly falls, has its zero far away: the step then ends later, without an event.
+        # The zero of a margin that first grows, or hardly falls, is far away: the step ends before, without an event.
         far = first.margin > _FAR * first.begin
         used = ops.where(far, ops.maximum(first.time, _FURTHER * h), first.time)
         events = {name: ops.both(happens, ops.negate(far)) for name, happens in first.happens.items()}
@@ -115,8 +115,8 @@ def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) 
 
 
 class FirstEvent(NamedTuple):
-    """The first event in a step: its time [s]; for each margin, whether its loss is the event; the lost margin at the
-    start of the step, and at the first estimate of the time."""
+    """The first event in a step: its time [s]; for each margin, whether its loss is the event; and the lost margin's
+    value at the start of the step (`begin`) and at the first estimate of the time (`margin`)."""
 
     time: Value
     happens: Values
@@ -128,8 +128,8 @@ def first_event(ops: Ops, h: Value, before: Values, after: Values, lost: Values,
                 least: Values = MappingProxyType({})) -> FirstEvent:
     """Return the first event of a step of `h` [s], in which the margins change from `before` to `after`.
 
-    `lost` is true for the margins that are lost; `at` returns the margins at a time [s]. The event's time is at least
-    the share PROGRESS of the step, or the share in `least` for that margin.
+    `lost` is true for the margins that are lost in the step; `at` returns the margins at a time [s]. The event's time
+    is at least the share of the step that `least` has for the margin, or PROGRESS.
     """
     time, index, begin, end = h, -1.0, 1.0, 1.0
     for i, name in enumerate(before):

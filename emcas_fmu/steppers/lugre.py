@@ -1,18 +1,18 @@
-"""One step of a plant with LuGre friction (:mod:`emcas_fmu.extensions.lugre`), with which a motor never sticks.
+"""One step of a plant with LuGre friction (:mod:`emcas_fmu.extensions.lugre`), under which a motor never sticks.
 
     dz/dt = w - a z        a = sigma_0 |w|/g        torque = sigma_0 z + sigma_1 dz/dt
 
-With the rate a constant over a step of length h, at a predicted mid-step speed, the deflection z follows its exact
+The rate a is that of a predicted mid-step speed and constant over the step h. The deflection z then follows an exact
 exponential. Its value at the end and its means are linear in the step's mean speed W:
 
     end = e^-x z + h f1 W     mean z = f1 z + h f2 W     mean dz/dt = f1 (W - a z)     x = a h
     f1 = (1 - e^-x)/x         f2 = (1 - f1)/x
 
 In the midpoint step of the motion, friction is thus a torque and a viscous coefficient, and motion and current are
-solved together as in :mod:`emcas_fmu.steppers.rigid`. If sigma_1 a <= 4 sigma_0 (here it is below sigma_0), the step is
-passive whatever the prediction: the work against friction, h W (mean torque), is that of the exact z under a constant
-W, hence at least the change of sigma_0 z^2/2. Events are the voltage limit and the stops; a motor pressed against a
-stop stays exactly there, and the deflection of the bristles is constant.
+solved together as in :mod:`emcas_fmu.steppers.rigid`. Since sigma_1 a is at most 4 sigma_0 (here it is below sigma_0),
+the step is passive whatever the prediction: the work against friction, h W (mean torque), is that of the exact z under
+a constant W, hence at least the change of sigma_0 z^2/2. Events are the voltage limit and the stops. A motor pressed
+against a stop stays exactly there, and the deflection of the bristles is constant.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ def shares(ops: Ops, x: Value) -> tuple[Value, ...]:
 
 
 def _bristles(ops: Ops, p: Any, m: mechanics.Mechanics, deflection: Value, at: Value, h: Value) -> tuple[Value, ...]:
-    """Return coefficients of the bristles over a step of `h` [s], with the rate a at a motor speed `at` [rad/s].
+    """Return at_rest [N.m], slope [N.m.s/rad], kept [-] and gain [s] of the bristles over a step of `h` [s].
 
-    They are at_rest [N.m], slope [N.m.s/rad], kept [-] and gain [s]: the mean torque is at_rest + slope W, and the
-    deflection at the end is kept z + gain W.
+    The mean torque is at_rest + slope W, and the deflection at the end is kept z + gain W. The rate a is that of a
+    motor speed `at` [rad/s].
     """
     rate, damping = mechanics.bristles(ops, p, m, at)
     kept, first, second = shares(ops, rate * h)
@@ -86,7 +86,7 @@ def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at
 
 def _free(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, step: Step, end_deflection: Value
           ) -> tuple[Value, ...]:
-    """Return state and deflection at the end of a free motor's `step` or at its first event, and the time of it [s]."""
+    """Return state and deflection [rad] of a free motor, and their time [s]: the first event or the end of `step`."""
     side = step.motion.direction
     low, high = rigid.stops(ops, p)
     stop = ops.where(side > 0.0, high, low)

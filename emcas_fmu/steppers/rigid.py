@@ -5,7 +5,7 @@ faster, so it follows its exact exponential for the back-EMF at mid-tick. Both a
 since the mean current is linear in the acceleration that it causes.
 
 Within a tick the equations are smooth until an event: the speed reaches zero, a stuck motor breaks away, the drive's
-voltage meets or leaves its limit, or the fin meets a stop. The step then ends at that event, whose time is computed
+voltage meets or leaves its limit, or the fin meets a stop. The step ends at the first event, whose time is computed
 without iteration, and the caller steps through the rest of the tick.
 """
 
@@ -24,20 +24,20 @@ from .events import PROGRESS, zero_between
 # A secant locates the voltage limit if the current's time constant or the time to the limit is below this share of the
 # step: so fast a current follows the speed, and steps to a limit of microvolts would become ever shorter.
 _SETTLED = 1.0 / 16.0
-# A reversing motor is set to rest if at most this share of its change of speed in the step remains. More remains if the
-# current reverses in the step: the speed is not linear then and its zero is later, so the step ends without the event.
+# A reversing motor is set to rest if, at the computed time, its speed is at most this share of its change in the step.
+# The speed is larger if the current reverses in the step: its zero is then later, and the step ends without the event.
 _REMAINDER = 0.01
 _TINY = 1e-300  # instead of a divisor of 0
 
 
 class Motion(NamedTuple):
-    """The mechanics of a motor in a step, by its direction (-1, 0 stuck, 1): inertia dw/dt = K_t i + torque."""
+    """The mechanics of a motor in a step: inertia dw/dt = K_t i + torque."""
 
-    direction: Value
+    direction: Value  # of the motion: -1, 1, or 0 for a stuck motor
     inertia: Value  # [kg.m2], with the terms of the midpoint rule
     torque: Value  # [N.m], with friction
     high: Value  # applied torque [N.m] above which a motor at rest starts in the positive direction
-    low: Value  # applied torque [N.m] below which it starts in the negative direction
+    low: Value  # applied torque [N.m] below which a motor at rest starts in the negative direction
     load: Value  # external torque [N.m]
     stuck: Value = False
 
@@ -48,9 +48,10 @@ class Motion(NamedTuple):
 
 
 class Current(NamedTuple):
-    """The current i(t) = final + (start - final) exp(-t/tau) [A] in a step: its ``mean``, and its value at the ``end``.
+    """The current i(t) = final + (start - final) exp(-t/tau) [A] in a step.
 
-    ``tau`` is in s; ``speed`` is the mean speed [rad/s] of a sliding motor under this current.
+    ``mean`` is its mean and ``end`` its value at the end [A]; ``tau`` is in s; ``speed`` is the mean speed [rad/s] of a
+    sliding motor under this current.
     """
 
     start: Value
@@ -68,6 +69,7 @@ def stops(ops: Ops, p: Any) -> tuple[Value, Value]:
 
 
 def _stop_ahead(ops: Ops, p: Any, direction: Value) -> Value:
+    """Return the motor angle [rad] at the stop in a direction."""
     low_stop, high_stop = stops(ops, p)
     return ops.where(direction > 0.0, high_stop, low_stop)
 
@@ -76,8 +78,7 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | No
             felt: Value = 1.0) -> Motion:
     """Return the mechanics of a motor that turns in the direction `heading` (1 or -1) or is at rest (None).
 
-    Friction is evaluated at a speed `at` [rad/s]. `felt` is the share of the load that acts on the motor through a
-    screw with losses.
+    Friction is evaluated at a speed `at` [rad/s]. `felt` is the factor e [-] of the load on a screw with losses.
     """
     m = mechanics.coefficients(ops, p, s.motor_angle + 0.5 * h * s.motor_speed, u)
     direction, high, low = heading, 0.0, 0.0
@@ -109,7 +110,7 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | No
 
 def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: ElectricalMode, h: Value, heading: Value | None,
                    at: Value) -> Motion:
-    """Return the motion with the screw's efficiency for the step's mean torques: forward if they drive the load.
+    """Return the motion with the screw's forward efficiency if the step's mean torques drive the load, else backward.
 
     The sign of the load is the same with either efficiency (:mod:`emcas_fmu.physics.screw`). If `at` is against the
     heading, the efficiencies are those at rest.
@@ -128,11 +129,11 @@ def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: ElectricalMode, h: 
 def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: ElectricalMode, h: Value) -> Current:
     """Return the current in a step for the back-EMF at the step's mean speed.
 
-    Mean speed and mean integral are linear in the final current, so no iteration is needed. The bridge of a disabled
-    drive is open and conducts no current.
+    Mean speed and mean integral are linear in the final current, so no iteration is needed. In a disabled drive the
+    current is 0.
     """
     half_step = 0.5 * h
-    # Torque and source are available last; their factors, with the slow divisions, are computed before them.
+    # Torque and source are available last: their factors, with the slow divisions, can be computed before.
     drift = s.motor_speed + half_step * motion.mobility * motion.torque  # mean speed without current
 
     def flowing() -> tuple[Value, ...]:
@@ -162,7 +163,7 @@ def time_to(ops: Ops, c: Current, value: Value) -> Value:
 
 
 class Step(NamedTuple):
-    """A step without events: its end, and the mechanics, electrical mode and current in it."""
+    """A step without events: the state at its end, and the mechanics, electrical mode and current in the step."""
 
     end: Plant
     motion: Motion
@@ -196,8 +197,8 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None
 
 
 def friction_speed(ops: Ops, p: Any, s: Any, predicted: Callable[[], Value]) -> Value:
-    """Return the motor speed [rad/s] at which friction is evaluated in a step from `s`: the mid-step speed, which
-    `predicted` returns, if friction depends on the speed; otherwise the speed at the start."""
+    """Return the motor speed [rad/s] at which friction is evaluated in a step from `s`: the mid-step speed from
+    `predicted` if friction or the screw's efficiency depends on the speed; otherwise the speed at the start."""
     if friction.falls(p):
         return predicted()
     if screw.falls(p):
@@ -211,8 +212,8 @@ def acceleration(ops: Ops, p: Any, s: Plant, motion: Motion) -> Value:
 
 
 def integral_end(ops: Ops, p: Any, s: Any, d: ElectricalMode, mean: Value, end: Value, speed: Value, h: Value) -> Value:
-    """Return the drive integral [V] at the end of a step with a `mean` current and an `end` current [A]; `speed` is the
-    motor's at the end [rad/s]."""
+    """Return the drive integral [V] at the end of a step, in which the current has the `mean` [A]; `end` [A] and
+    `speed` [rad/s] are current and motor speed at the end."""
     if p.structure.current == "pwm":
         return s.drive_integral
 
@@ -243,8 +244,8 @@ def voltage_events(ops: Ops, p: Any, d: ElectricalMode, end: Plant) -> Crossing:
     demand = drive.voltage_demand(p, d.i_ref, end.motor_current, end.drive_integral)
     limit = d.limit_at(ops, p, end.motor_speed, end.motor_current)
     free = ops.equal(d.side, 0.0)
-    # A step that starts at the limit keeps its mode. Without supply the voltage is 0 on both sides of its limit, which
-    # a decaying current would meet in ever shorter steps.
+    # A step that starts at the limit keeps its mode. Without supply the limit is 0, which a decaying current would meet
+    # in ever shorter steps.
     watched = ops.both(ops.both(d.enabled, d.supply > 0.0), ops.equal(d.at_limit, 0.0))
     entering = ops.both(watched, ops.both(free, ops.fabs(demand) > limit))
     return entering, ops.both(watched, ops.both(ops.negate(free), demand * d.side < limit))
@@ -266,9 +267,9 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
                  ) -> Value:
     """Return the time [s] at which the demanded voltage crosses the limit, `h` if it does not.
 
-    `part` computes a shorter step. A current that settles in much less than the step follows the speed to the limit.
-    With the back-EMF at mid-step it would meet the limit at once, but really does so much later: the time is then the
-    zero of a secant from the first time to the step's end.
+    `part(time)` returns a shorter step. A current that settles in much less than the step really follows the speed and
+    meets the limit late; with the back-EMF at mid-step it would meet the limit at once. The time is then the zero of a
+    secant from that first time to the step's end.
     """
     if p.structure.current == "pwm":
         return h
@@ -276,8 +277,8 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     before = drive.voltage_demand(p, d.i_ref, s.motor_current, s.drive_integral)
     after = drive.voltage_demand(p, d.i_ref, step.end.motor_current, step.end.drive_integral)
     side = ops.where(entering, ops.sign(after), d.side)
-    # The time follows from the current's exponential with the integral at the step's start or, if the integral rather
-    # than the current moves the demand, from the line between the demands at start and end.
+    # The time follows from the current's exponential with the integral at the step's start. If the integral moves the
+    # demand, not the current, it follows from the line between the demands at start and end.
     limit = d.limit_at(ops, p, step.end.motor_speed, step.end.motor_current)
     boundary = d.i_ref - (side * limit - s.drive_integral) / p.drive.kp
     on_course = (boundary - s.motor_current) * (step.end.motor_current - boundary) >= 0.0
@@ -289,7 +290,7 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     time = ops.where(on_course, ops.minimum(time_to(ops, c, boundary), h), on_line(before, after))
 
     def moving() -> tuple[Value, ...]:
-        # At most the zero of the line between the reserves at start and end; the caller continues from an early end.
+        # The time is at most the zero of the line between the reserves at start and end; a step may end too early.
         latest = on_line(before + side * (limit - d.limit), after)
         return (ops.where(on_course, ops.minimum(time, latest), latest),)
 
@@ -310,8 +311,8 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
 
 
 def stop_time(ops: Ops, s: Plant, step: Step, stopping: Value, stop: Value, h: Value) -> Value:
-    """Return the time [s] at which a motor of constant acceleration meets the angle `stop` [rad], if `stopping`; else
-    `h`."""
+    """Return the time [s] at which a motor of constant acceleration meets the angle `stop` [rad]; `h` unless
+    `stopping`."""
     travel = stop - s.motor_angle
     acceleration = (step.end.motor_speed - s.motor_speed) / h
     root = ops.sqrt(ops.maximum(s.motor_speed * s.motor_speed + 2.0 * acceleration * travel, 0.0))
@@ -327,7 +328,8 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
     voltage = voltage_time(ops, p, s, step, e.crossing, h, lambda time: _step(ops, p, s, u, time, heading))
     stopping = stop_time(ops, s, step, e.stopping, stop, h)
     if heading is not None:
-        # A guess on the line between the speeds at start and end is corrected on a line through the speed at the guess.
+        # The first guess is the zero of the line between the speeds at start and end. It is corrected by the line
+        # through the speed at the guess.
         slowing = ops.where(e.reversing, s.motor_speed - step.end.motor_speed, 1.0)
         guess = ops.where(e.reversing, h * s.motor_speed / slowing, h)
 
@@ -369,7 +371,7 @@ def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Val
     s = s._replace(**switched(ops, s, u.enabled))
     if p.structure.current != "loop":
         *plant, used = _headed(ops, p, s, u, h)
-    else:  # two versions of the code: in the second the supply is the voltage limit, which makes it short
+    else:  # two versions of the code; the second, in which the supply is the voltage limit, is short
         fixed = with_values(p, {"motor.pole_pairs": 0})
         *plant, used = ops.branch(p.motor.pole_pairs > 0.0,
                                   lambda: _headed(ops, p, s, u, resolved_step(ops, p, s, u, h)),

@@ -5,8 +5,8 @@ dispersion problems", SIAM Journal on Scientific Computing 20 (4), 1456-1480:
 
     (I - g h A) k1 = f(y)        (I - g h A) k2 = f(y + h k1) - 2 k1        y(h) = y + h (3 k1 + k2)/2
 
-With g = 1 - 1/sqrt(2) and A the Jacobian of f it is L-stable, so that a mode much faster than the step is damped. It is
-of second order for any A: difference quotients suffice.
+With g = 1 - 1/sqrt(2) and the Jacobian A of f the method is L-stable: it damps a mode much faster than the step. It is
+of second order for any A, so difference quotients are sufficient.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 
 _GAMMA = 1.0 - 1.0 / sqrt(2.0)
-# Increment of a difference quotient over 1 + |state|: a few times the square root of a state's relative rounding.
+# Ratio of a difference quotient's increment to 1 + |state|: a few times the square root of a double's rounding.
 _INCREMENT = 1e-7
 
 Derivatives = Callable[[Ops, Any, Record, Any], Mapping[str, Value]]
@@ -32,7 +32,7 @@ def ros2(ops: Ops, slope: Callable[[list[Value]], list[Value]], begin: list[Valu
     for i, value in enumerate(begin):
         increment = _INCREMENT * (1.0 + ops.fabs(value))
         shifted = slope([*begin[:i], value + increment, *begin[i + 1:]])
-        # A derivative that does not depend on the value is the same object in a traced program: its entry is 0.
+        # In a traced program a derivative that does not depend on the value is the same object: its entry is 0.
         columns.append([0.0 if a is b else (a - b) / increment for a, b in zip(shifted, first, strict=True)])
     matrix = [[_less(1.0 if i == k else 0.0, _GAMMA * h, columns[k][i]) for k in range(count)] for i in range(count)]
     k1 = solve(matrix, first)
@@ -42,7 +42,7 @@ def ros2(ops: Ops, slope: Callable[[list[Value]], list[Value]], begin: list[Valu
 
 
 def solve(matrix: Sequence[Sequence[Value]], right: Sequence[Value]) -> list[Value]:
-    """Return the solution of linear equations by elimination without pivoting; a matrix I - g h A near I needs none."""
+    """Return the solution of linear equations, eliminated without pivoting, which a matrix near I does not need."""
     rows = [[*row, value] for row, value in zip(matrix, right, strict=True)]
     count = len(rows)
     for i in range(count):
@@ -60,7 +60,7 @@ def solve(matrix: Sequence[Sequence[Value]], right: Sequence[Value]) -> list[Val
 
 
 def _zero(value: Value) -> bool:
-    """Return whether a value is the number 0: a traced program leaves out terms with it."""
+    """Return whether a value is the number 0, not a traced value: terms with this factor are left out."""
     return isinstance(value, float) and value == 0.0
 
 
