@@ -189,7 +189,7 @@ class System:
         for body in self._bodies:
             if body.friction is not None:
                 acceleration = rates[body.rate]
-                deceleration, torque, breakaway = self._friction(ops, p, x, u, body.rate, body.friction, acceleration)
+                deceleration, torque, breakaway = self._friction(ops, p, x, u, body, acceleration)
                 most = torque * breakaway
                 divisor = ops.where(deceleration > 0.0, deceleration, 1.0)
                 holding = ops.clip(torque * acceleration / divisor, -most, most)
@@ -217,13 +217,15 @@ class System:
         """Return d/dt of the states without friction."""
         return self._derivatives(ops, p, x, _with(u, self._no_friction))
 
-    def _friction(self, ops: Ops, p: Any, x: Record, u: Record, rate: str, friction: Coulomb, acceleration: Value
+    def _friction(self, ops: Ops, p: Any, x: Record, u: Record, body: _Body, acceleration: Value
                   ) -> tuple[Value, Value, Value]:
-        """Return the deceleration [rad/s2] by a friction, its torque [N.m] and its breakaway ratio [-];
-        `acceleration` is d/dt of `rate` without friction."""
-        torque = _value(friction.torque, ops, p, x, u)
-        with_friction = self._derivatives(ops, p, x, _with(u, {**self._no_friction, friction.name: torque}))[rate]
-        return acceleration - with_friction, torque, _value(friction.breakaway, ops, p, x, u)
+        """Return a body's deceleration [rad/s2] by friction, the torque [N.m] and the breakaway ratio [-] of its
+        friction; `acceleration` is that without friction [rad/s2]."""
+        if body.friction is None:
+            return 0.0, 0.0, 1.0
+        torque = _value(body.friction.torque, ops, p, x, u)
+        rates = self._derivatives(ops, p, x, _with(u, {**self._no_friction, body.friction.name: torque}))
+        return acceleration - rates[body.rate], torque, _value(body.friction.breakaway, ops, p, x, u)
 
     def _check(self, ops: Ops, p: Any, x: Record, u: Record) -> None:
         """Raise EmcasError for a limit or gap that no derivative reads or whose low limit is above the high one, for a
@@ -276,8 +278,7 @@ class System:
         rates, bodies = self._free(ops, p, x, u), {}
         for body in self._bodies:
             acceleration = rates[body.rate]
-            deceleration, _, breakaway = (0.0, 0.0, 1.0) if body.friction is None else self._friction(
-                ops, p, x, u, body.rate, body.friction, acceleration)
+            deceleration, _, breakaway = self._friction(ops, p, x, u, body, acceleration)
             angle, limit = body.angle_and_limit(ops, p, x, u)
             slide = stick.slide(ops, getattr(x, body.rate), acceleration, deceleration * breakaway, angle, limit)
             # Without friction only a stop holds a body.
@@ -309,7 +310,7 @@ class System:
             slides = 1.0 if body.friction is None else ops.where(
                 ops.equal(slide.direction, 0.0), 1.0, slide.direction * getattr(x, body.rate))
             if body.friction is not None and callable(body.friction.torque):  # the holding torque may change in a step
-                deceleration, _, breakaway = self._friction(ops, p, x, u, body.rate, body.friction, rates[body.rate])
+                deceleration, _, breakaway = self._friction(ops, p, x, u, body, rates[body.rate])
                 high, low = stick.holding(ops, deceleration * breakaway, *body.angle_and_limit(ops, p, x, u))
                 slide = slide._replace(high=high, low=low)
             margins[body.rate] = ops.where(rests, stick.reserve(ops, slide, rates[body.rate]), slides)
