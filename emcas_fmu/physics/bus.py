@@ -6,22 +6,21 @@
 
 V is the voltage at the drives; the sag s = V_source - V. V_b is the no-load voltage E_0 - K Q/(Q - q) of the generic
 battery model of Tremblay, Dessaint and Dekkiche (2007), IEEE Vehicle Power and Propulsion Conference, 284-289, without
-its exponential, V_source = E_0 - K and U = K: slow, then steep where the battery is empty. Unlike the polarisation of
-Shepherd (1965), K Q/(Q - q) times the current, it also lowers the voltage at rest. Without a link the battery takes
-back all returned power until it is full. With a link a diode protects the battery from being charged: returned power
-raises V until drives or the chopper consume it.
+its exponential; V_source = E_0 - K and U = K. V_b falls slowly, and steeply where the battery is empty. Without a link
+the battery takes back all returned power until it is full. With a link a diode protects the battery from being charged:
+returned power raises V until drives or the chopper consume it.
 
 The bus is updated at instants h apart; V is constant in between. In that time a drive at its voltage limit changes its
-current by about dV h/L. Without a link the new sag is therefore where this line meets that of V_b and R I (one step of
-Newton's method): otherwise the sag would overshoot if R h/L is not small. A link follows its equation exactly under
-the constant current I (:func:`emcas_fmu.physics.supply.moved`). Since drives and link are stepped in turn, the
-oscillation of the link with their inductances stays bounded if C >= h^2 sum 1/L_i; a smaller C is raised to this. V_0
-is a millivolt, or the source's voltage if that is less: drives on a collapsed bus still switch their motors' currents
-onto it, and I = sum P_i/V is finite as long as V is not zero.
+current by about dV h/L for a change dV. Without a link the new sag is therefore the intersection of two lines, that of
+the drives' current over V and that of the source, V_b - R I (one step of Newton's method): otherwise the sag would
+overshoot unless R h/L is small. A link follows its equation exactly under the constant current I
+(:func:`emcas_fmu.physics.supply.moved`). Drives and link are stepped in turn. The oscillation of the link with the
+drives' inductances stays bounded if C >= h^2 sum 1/L_i; a smaller C is raised to this value. V_0 is a millivolt, or the
+source's voltage if that is less, so that I = sum P_i/V is finite on a collapsed bus.
 
-An actuator with its own link draws the charge that really flowed in an interval; the sag follows from the mean current
-that it will draw in the next interval, with 1/L = Y/h, Y its mean admittance. Only the part c = Y h of its link takes
-part in a change of V, and with C >= sum c the exchange between bus and links gains no energy.
+An actuator with its own link draws the charge that really flowed in an interval. The sag follows from the mean current
+that the actuator will draw in the next interval, with 1/L = Y/h, where Y is its mean admittance. Only the part c = Y h
+of its link takes part in a change of V. If C >= sum c, the exchange between bus and links gains no energy.
 """
 
 from __future__ import annotations
@@ -52,16 +51,16 @@ def fall(ops: Ops, p: Any, drawn: Value) -> Value:
 
 
 def start(ops: Ops, p: Any) -> tuple[Value, ...]:
-    """Return the states of :func:`following` at rest, without a current; a link has the battery's voltage."""
+    """Return the states of :func:`following` at rest, without a current."""
     return ops.where(p.source_resistance > 0.0, fall(ops, p, 0.0), 0.0), NO_LINK, 0.0
 
 
 def following(ops: Ops, p: Any, source: Value, states: Sequence[Value], current: Value, mean: Value,
               inverse_inductance: Value) -> tuple[Value, ...]:
-    """Return sag [V], voltage of the link [V] and charge drawn [A.s] after an instant of the bus.
+    """Return sag [V], voltage of the link [V] and charge drawn [A.s] after an update of the bus.
 
-    The drives draw a `current` [A] from now on, and drew a `mean` [A] since the last instant; `inverse_inductance` is
-    sum 1/L_i [1/H].
+    The drives draw a `current` [A] from now on, and drew a `mean` current [A] since the last update;
+    `inverse_inductance` is sum 1/L_i [1/H].
     """
     sag, link, drawn = states
     h, fallen = p.update_time, fall(ops, p, drawn)

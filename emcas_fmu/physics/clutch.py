@@ -5,12 +5,12 @@
     C = k_T T_r (r + (1 - r) phi/I_r)      k_T = max(1 + a (T - T_0), 0.1)
     C_th dT/dt = sum |F_k s_k| - (T - T_a)/R_th
 
-v comes from the amplifier on a supply V; a negative v is that of the suppressor, which absorbs the coil's energy, since
-the amplifier returns no current to the supply. phi is the flux, expressed as the steady coil current that holds it; it
-lags because of eddy currents in the body. C is the torque at which the clutch slips at any slip speed, r its share that
-remains without current. F_k s_k is the heat of slipping; one body of all clutches absorbs it. Data sheets of magnetic
-particle clutches show a torque in proportion to the current at any slip speed. Those of friction clutches give only the
-rated point: for these the proportion is an engineering choice.
+v comes from the amplifier on a supply V. A negative v is the suppressor's, which absorbs the coil's energy, since the
+amplifier returns no current to the supply. phi is the flux, expressed as the steady coil current that holds it; it lags
+because of eddy currents in the body. C is the torque at which the clutch slips at any slip speed, r its share that
+remains without current. F_k s_k is the heat of slipping, which one body with all clutches absorbs. In data sheets of
+magnetic particle clutches the torque is proportional to the current at any slip speed. Data sheets of friction clutches
+have only the rated point: for these the proportion is an engineering choice.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from typing import Any, NamedTuple
 from ..ops.base import Ops, Value
 
 LEAST = 0.1  # smallest k_T
-_BAND = 1e-9  # share of a limit by which a demand has to exceed it to be limited
+_BAND = 1e-9  # a demand is limited if it exceeds a limit by more than this share of the limit
 
 
 class Coil(NamedTuple):
-    """A coil in a mode: current reference [A], gain K_p of its amplifier [V/A], the limit of its voltage that is
-    reached (`side` 1: the supply's, -1: the suppressor's, 0: none), and the supply [V]."""
+    """A coil in a mode: current reference [A], gain K_p of its amplifier [V/A], the voltage limit that is reached
+    (`side` 1: the supply's, -1: the suppressor's, 0: none), and the supply [V]."""
 
     reference: Value
     gain: Value
@@ -50,7 +50,7 @@ class Coil(NamedTuple):
         return ops.maximum(self.voltage(ops, p, current), 0.0) * current
 
     def margin(self, ops: Ops, p: Any, current: Value) -> Value:
-        """Return the event margin [V] of the demand: its distance to the nearer limit, or its excess over a limit."""
+        """Return the event margin [V] of the demand: its distance to the nearer limit or, at a limit, its excess."""
         clamp, demand = p.coil.suppression_voltage, self.demand(p, current)
         beyond = ops.where(self.side > 0.0, demand - self.supply, -clamp - demand)
         return ops.where(ops.equal(self.side, 0.0), ops.minimum(self.supply - demand, demand + clamp), beyond)
@@ -71,7 +71,7 @@ def flux_rate(p: Any, current: Value, flux: Value) -> Value:
 
 
 def torque_per_ampere(p: Any) -> Value:
-    """Return the rise of a clutch's torque with its current [N.m/A], at the reference temperature."""
+    """Return the slope [N.m/A] of a clutch's torque over its current, at the reference temperature."""
     return p.clutch.rated_torque * (1.0 - p.clutch.residual) / p.clutch.rated_current
 
 

@@ -1,11 +1,11 @@
-"""A rotor that drives a loaded screw through one friction clutch: what sticks, what slides, which way the load acts.
+"""A rotor that drives a loaded screw through one friction clutch: sticking, sliding and the direction of the load.
 
     J_m m' = t_m - C_m sgn m - F                        |F| <= C, and F = C sgn(m - w) while the clutch slips
     J_s w' = t_s - C_s sgn w + F - e L                  L = J_l w' + L_0        e of :mod:`emcas_fmu.physics.screw`
 
 m and w are the speeds of rotor and screw, L the load behind the screw. Three dry frictions are set-valued: the rotor's,
-the screw's (at rest with the part that its load adds) and the clutch's. With a rising F, w' does not fall and m' does
-not rise. The clutch therefore holds if |F| <= C for the F that keeps both speeds equal; every state has one solution.
+the screw's (at rest with the part that its load adds) and the clutch's. If F rises, w' does not fall and m' does not
+rise. The clutch therefore holds if |F| <= C for the F that keeps both speeds equal; every state has one solution.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from .stick import start
 class Train(NamedTuple):
     """Rotor, clutch and screw at one moment: inertias [kg.m2] and torques [N.m] of the module's equations.
 
-    `dry` is C_m; `sliding` and `load` are C_s and L_0 in positive and in negative motion; `behind` is the load's torque
-    on a screw at rest without friction; a screw at rest starts under a torque above `high` or below `low`; `forward`
-    and `backward` are the values of e.
+    `dry` is C_m; `sliding` and `load` are C_s and L_0, each for positive and for negative motion. `behind` is the
+    load's torque on a screw at rest without friction. A screw at rest starts under a torque above `high` or below
+    `low`. `forward` and `backward` are the two values of e [-].
     """
 
     rotor: Value
@@ -41,8 +41,10 @@ class Train(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Directions of sliding (-1, 1, or 0: sticks) of screw, rotor and clutch, whose slip is the rotor's speed minus the
-    screw's; and e (`felt`)."""
+    """Directions of sliding (-1, 1, or 0: sticks) of screw, rotor and clutch, and the present e (`felt`).
+
+    The slip of the clutch is the rotor's speed minus the screw's.
+    """
 
     screw: Value
     rotor: Value
@@ -55,7 +57,8 @@ def _chosen(ops: Ops, pair: tuple[Value, Value], direction: Value) -> Value:
 
 
 def _driving(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value, Value]:
-    """Return torque [N.m] and inertia [kg.m2] of the screw's motion, and the rotor's torque without the clutch's."""
+    """Return the torque [N.m] and the inertia [kg.m2] that move the screw, and the rotor's torque without the clutch's.
+    """
     rotor = t.rotor_torque - m.rotor * t.dry
     joined = ops.equal(m.clutch, 0.0)
     net = t.screw_torque - m.screw * _chosen(ops, t.sliding, m.screw) + ops.where(joined, rotor, m.clutch * t.capacity)
@@ -63,7 +66,7 @@ def _driving(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value, Value]:
 
 
 def _felt(ops: Ops, t: Train, m: Motion) -> Motion:
-    """Return the motion with its e: the forward value where the screw drives the load."""
+    """Return the motion with its e: the forward value if the screw drives the load, else the backward one."""
     net, inertia, _ = _driving(ops, t, m)
     against = (t.behind_inertia * net + inertia * _chosen(ops, t.load, m.screw)) * m.screw > 0.0
     return m._replace(felt=ops.where(against, t.forward, t.backward))
@@ -91,7 +94,7 @@ def _between(ops: Ops, t: Train) -> tuple[Value, Value]:
 
 
 def held(ops: Ops, t: Train, m: Motion) -> Value:
-    """Return F [N.m] of a clutch that holds; with both bodies at rest, where F is not unique, that nearest to 0."""
+    """Return F [N.m] of a clutch that holds: the F nearest to 0 with both bodies at rest, where F is not unique."""
     rate, _ = accelerations(ops, t, m)
     least, most = _between(ops, t)
     resting = ops.maximum(least, ops.minimum(most, 0.0))
@@ -123,7 +126,7 @@ def motion(ops: Ops, t: Train, screw_speed: Value, rotor_speed: Value) -> Motion
 
 
 def margins(ops: Ops, t: Train, m: Motion, screw_speed: Value, rotor_speed: Value) -> dict[str, Value]:
-    """Return the event margins by name: speeds of sliding [rad/s], reserves of sticking [N.m], the load [N.m]."""
+    """Return the event margins by name: sliding speeds [rad/s], reserves of sticking frictions and the load [N.m]."""
     joined = ops.equal(m.clutch, 0.0)
     screw_rests, rotor_rests = ops.equal(m.screw, 0.0), ops.equal(m.rotor, 0.0)
     rests = ops.both(joined, screw_rests)
@@ -140,10 +143,10 @@ def margins(ops: Ops, t: Train, m: Motion, screw_speed: Value, rotor_speed: Valu
 
 def landed(ops: Ops, m: Motion, begin: tuple[Value, Value], end: tuple[Value, Value], events: Any
            ) -> tuple[Value, Value]:
-    """Return the speeds [rad/s] of screw and rotor after a step, equal to the bit if they stick.
+    """Return the speeds [rad/s] of screw and rotor after a step, equal to the bit if the clutch sticks.
 
-    `begin` and `end` are both speeds before and after the step. A friction also sticks if it comes to rest, or would
-    slide against the direction of its start; `events` is true for the margin that was lost.
+    `begin` and `end` are both speeds before and after the step; `events` is true for the margin that was lost. A
+    friction that slides sticks if its margin was lost, or if it would slide against the direction of its start.
     """
     def stops(direction: Value, before: Value, after: Value, event: Value) -> Value:
         backwards = ops.both(ops.equal(before, 0.0), after * direction <= 0.0)

@@ -2,10 +2,10 @@
 
     J_s w' = t_s - sum_k l_k F_k        J_m m' = t_m - sum_k m_k F_k        s_k = l_k w + m_k m
 
-w and m are the speeds of screw and motor, s_k the speed at which a friction slides. There are four of them, the screw's
-(s = w), the motor's (s = m), that of a clutch which turns the screw with the motor (s = m - w) and that of one which
-turns it against the motor (s = -m - w). The torque of a friction that slides is F_k = C_k sgn s_k. At s_k = 0 a
-friction sticks with the torque within +-C_k that keeps s_k at 0. The frictions that stick are those at the minimum of a
+w and m are the speeds of screw and motor, s_k the speed at which a friction slides. There are four frictions: the
+screw's (s = w), the motor's (s = m), that of a clutch which turns the screw with the motor (s = m - w), and that of a
+clutch which turns the screw against the motor (s = -m - w). The torque of a friction that slides is F_k = C_k sgn s_k.
+At s_k = 0 a friction sticks with the torque within +-C_k that keeps s_k at 0. The accelerations are at the minimum of a
 convex function (the principle of least constraint), so every state has one solution.
 """
 
@@ -22,7 +22,7 @@ NAMES = ("screw", "motor", "with", "against")
 _SHARES = ((1.0, 0.0), (0.0, 1.0), (-1.0, 1.0), (-1.0, -1.0))  # (l_k, m_k)
 # For each friction the direction (w, m) of a motion in which it sticks: l_k w + m_k m = 0.
 _ALONG = ((0.0, 1.0), (1.0, 0.0), (1.0, 1.0), (1.0, -1.0))
-# One direction in each of the eight sectors of the plane (w, m) between these; in a sector no sliding speed is zero.
+# A direction in each of the eight sectors between these directions; in a sector no sliding speed is zero.
 _SECTORS = ((2.0, 1.0), (1.0, 2.0), (-1.0, 2.0), (-2.0, 1.0), (-2.0, -1.0), (-1.0, -2.0), (1.0, -2.0), (2.0, -1.0))
 
 
@@ -42,7 +42,7 @@ class Bodies(NamedTuple):
 
 
 def _dot(pair: Sequence[float], values: Sequence[Value]) -> Value:
-    """Return a scalar product without operations for shares of 0, 1 and -1."""
+    """Return the scalar product of shares and values; no product is computed for shares of 0, 1 and -1."""
     total: Value = 0.0
     for share, value in zip(pair, values, strict=True):
         if share:
@@ -73,7 +73,7 @@ def _holding(b: Bodies, k: int, torques: tuple[Value, Value]) -> Value:
 
 
 def _drag(b: Bodies, along: tuple[float, float], forward: bool) -> Value:
-    """Return the friction [N.m] against a start in a direction of the plane (w, m), or in the opposite direction."""
+    """Return the friction [N.m] against a start in a direction of the plane (w, m), or opposite if not `forward`."""
     total: Value = 0.0
     for shares, dry in zip(_SHARES, b.dry, strict=True):
         slip = sum(x * y for x, y in zip(shares, along, strict=True)) * (1.0 if forward else -1.0)
@@ -87,8 +87,7 @@ def directions(ops: Ops, b: Bodies, screw: Value, motor: Value) -> tuple[Value, 
     speeds = slips(screw, motor)
     signs = [ops.sign(speed) for speed in speeds]
 
-    def moving() -> tuple[Value, ...]:
-        """Return the directions while the bodies move: at most one friction sticks."""
+    def moving() -> tuple[Value, ...]:  # at most one friction sticks
         torques = _sliding(ops, b, signs)
         return tuple(ops.where(ops.equal(sign, 0.0),
                                stick.start(ops, _holding(b, k, torques), dry.high, -dry.low), sign)
@@ -99,7 +98,7 @@ def directions(ops: Ops, b: Bodies, screw: Value, motor: Value) -> tuple[Value, 
 
 
 def _from_rest(ops: Ops, bodies: Bodies) -> tuple[Value, ...]:
-    """Return the directions in which bodies at rest start: the one consistent choice of sticking and sliding."""
+    """Return the directions in which the frictions of bodies at rest slide: the one consistent choice."""
     b = bodies._replace(dry=[Dry(d.high * stick.EDGE, d.low * stick.EDGE) for d in bodies.dry])
     starts: tuple[Value, ...] = (0.0,) * len(_SHARES)
 
@@ -140,7 +139,7 @@ def _rest_margins(ops: Ops, b: Bodies) -> list[Value]:
 
 
 def accelerations(ops: Ops, b: Bodies, signs: Sequence[Value]) -> tuple[Value, Value]:
-    """Return d/dt of the speeds of screw and motor [rad/s2], of equal size to the bit while a clutch sticks."""
+    """Return d/dt of the speeds of screw and motor [rad/s2]; while a clutch sticks their sizes are equal to the bit."""
     sticks = [ops.equal(sign, 0.0) for sign in signs]
     screw, motor = _sliding(ops, b, signs)
     together = (screw + motor) / (b.inertias[0] + b.inertias[1])
@@ -174,10 +173,10 @@ def margins(ops: Ops, b: Bodies, signs: Sequence[Value], screw: Value, motor: Va
 
 def landed(ops: Ops, signs: Sequence[Value], begin: tuple[Value, Value], end: tuple[Value, Value],
            events: Any) -> tuple[Value, Value]:
-    """Return the speeds [rad/s] of screw and motor after a step, of equal size to the bit if a clutch sticks.
+    """Return the speeds [rad/s] of screw and motor after a step; if a clutch sticks their sizes are equal to the bit.
 
-    `begin` and `end` are both speeds before and after the step. A friction also sticks if it comes to rest, or would
-    slide against the direction of its start; `events` is true for the margin that was lost.
+    `begin` and `end` are both speeds before and after the step; `events` is true for the margin that was lost. A
+    friction that slides sticks if its margin was lost, or if it would slide against the direction of its start.
     """
     before, after = slips(*begin), slips(*end)
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from ..ops.base import Ops, Value
 
-# Below this ratio of step to time constant series give the weights, since the closed forms lose digits; the series are
-# off by 6e-7 at most.
+# Below this ratio of step to time constant the closed forms lose digits; series, which are off by at most 6e-7, replace
+# them.
 _SHORT = 0.01
 
 
 def shares(ops: Ops, ratio: Value) -> tuple[Value, Value]:
-    """Return the means over the step of s and s^2; s(t) is the share of the change from start to end.
+    """Return the means over the step of s and s^2, where s(t) rises from 0 at the start to 1 at the end.
 
-    `ratio` is the step over the exponential's time constant, above 0.
+    `ratio` is the ratio of the step to the exponential's time constant, above 0.
     """
     def exact() -> tuple[Value, ...]:
         decay = ops.exp(-ratio)
@@ -25,22 +25,19 @@ def shares(ops: Ops, ratio: Value) -> tuple[Value, Value]:
 
 
 def mean(ops: Ops, start: Value, end: Value, ratio: Value) -> Value:
-    """Return the mean of a value that changes from `start` to `end`; `ratio` as in :func:`shares`."""
+    """Return the mean of a value that changes from `start` to `end`, with the `ratio` of :func:`shares`."""
     return start + (end - start) * shares(ops, ratio)[0]
 
 
 def mean_square(ops: Ops, start: Value, end: Value, ratio: Value) -> Value:
-    """Return the mean of i^2 [A^2] while i changes from `start` to `end` [A]; `ratio` as in :func:`shares`."""
+    """Return the mean of i^2 [A^2] while i changes from `start` to `end` [A], with the `ratio` of :func:`shares`."""
     first, second = shares(ops, ratio)
     change = end - start
     return start * start + change * (2.0 * start * first + change * second)
 
 
 def mean_product(ops: Ops, start: tuple[Value, Value], end: tuple[Value, Value], ratio: Value) -> Value:
-    """Return the mean product of two values that change from `start` to `end` on the exponential of :func:`shares`.
-
-    The unit is the product of those of the values.
-    """
+    """Return the mean product of two values that change from `start` to `end`, with the `ratio` of :func:`shares`."""
     first, second = shares(ops, ratio)
     (a, b), change_a, change_b = start, end[0] - start[0], end[1] - start[1]
     return a * b + (a * change_b + b * change_a) * first + change_a * change_b * second

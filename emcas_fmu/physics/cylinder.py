@@ -36,12 +36,12 @@ class Linkage(NamedTuple):
 
 
 def _piston(p: Any) -> Any:
-    """Return parameters in which a lead of 1 m/rad makes the screw of the lever a piston."""
+    """Return parameters with a screw lead of 1 m/rad, with which the motor angle is the piston's displacement."""
     return with_values(p, {"screw.lead": 1.0})
 
 
 def piston_position(ops: Ops, p: Any, fin_angle: Value) -> Value:
-    """Return the piston's displacement x [m] at a fin angle [rad]; both are 0 together."""
+    """Return the piston's displacement x [m] at a fin angle [rad]; x is 0 at a fin angle of 0."""
     return kinematics.motor_angle(ops, _piston(p), fin_angle)
 
 
@@ -57,12 +57,12 @@ def linkage(ops: Ops, p: Any, fin_angle: Value, u: Any) -> Linkage:
 
 
 def dry(p: Any, ratio: Value) -> Value:
-    """Return the dry friction [N.m] of fin and piston about the hinge at a lever's `ratio` R [m]."""
+    """Return the dry friction [N.m] of fin and piston about the hinge at a lever's `ratio` R [m/rad]."""
     return mechanics.hinge_friction(p).dry + ratio * p.cylinder.coulomb_friction
 
 
 def dry_drop(ops: Ops, p: Any, fin_angle: Value) -> Value:
-    """Return the pressure difference [Pa] at which fin and piston, without load, overcome dry friction."""
+    """Return the pressure difference [Pa] that overcomes the dry friction of fin and piston without a load."""
     ratio = kinematics.reduction_ratio(ops, _piston(p), ops.tan(fin_angle + p.kinematics.initial_angle))
     return dry(p, ratio) / (ratio * p.cylinder.area)
 
@@ -73,7 +73,8 @@ def pressing(p: Any, c: Linkage, pressure_1: Value, pressure_2: Value) -> Value:
 
 
 def acceleration(p: Any, c: Linkage, fin_rate: Value, pressure_1: Value, pressure_2: Value, dry: Value) -> Value:
-    """Return the fin's acceleration [rad/s2] under dry friction [N.m] against positive motion."""
+    """Return the fin's acceleration [rad/s2] under the friction torque `dry` [N.m], positive against positive motion.
+    """
     viscous = p.cylinder.viscous_friction * c.ratio * c.ratio + mechanics.hinge_friction(p).viscous
     swing = p.cylinder.moving_mass * c.ratio * c.slope * fin_rate
     return (pressing(p, c, pressure_1, pressure_2) - dry - (viscous + swing) * fin_rate) / c.inertia
@@ -87,5 +88,5 @@ def pressure_rates(p: Any, c: Linkage, fin_rate: Value, pressure_1: Value, press
 
 
 def makeup(ops: Ops, p: Any, pressure: Value, refill: Value, open_: Value) -> Value:
-    """Return the flow [m3/s] through a check valve into a chamber at `pressure` [Pa]; `refill` [Pa] opens the valve."""
+    """Return the flow [m3/s] through a check valve into a chamber at `pressure` [Pa]; it opens below `refill` [Pa]."""
     return ops.where(open_, p.check_valve.conductance * (refill - pressure), 0.0)

@@ -56,9 +56,9 @@ def voltage_limit(ops: Ops, p: Any, supply: Value, speed: Value, current: Value)
 
 
 def steady_current(ops: Ops, p: Any, supply: Value, speed: Value) -> Value:
-    """Return the largest steady current [A] at a motor speed [rad/s]: (R i + K_e w)^2 + (n w L i)^2 = V^2.
+    """Return the largest steady current i [A] at a motor speed w [rad/s]: (R i + K_e w)^2 + (n w L i)^2 = V^2.
 
-    If there is no solution, it is the current with the smallest left side.
+    If the equation has no solution, return the current with the smallest left side.
     """
     resistance, emf = p.motor.resistance, back_emf(p, speed)
     across = inductive_voltage(p, speed, 1.0)
@@ -68,7 +68,10 @@ def steady_current(ops: Ops, p: Any, supply: Value, speed: Value) -> Value:
 
 
 def knee_speed(ops: Ops, p: Any, supply: Value, current: Value) -> Value:
-    """Return the motor speed [rad/s] at which a steady current [A] needs the whole supply [V]; 0 if it does at rest."""
+    """Return the motor speed [rad/s] at which a steady current [A] needs the whole supply [V].
+
+    It is 0 if the current needs the whole supply, or more, at rest.
+    """
     drop = p.motor.resistance * current
     across = inductive_voltage(p, 1.0, current)
     emf = back_emf(p, 1.0)
@@ -81,8 +84,8 @@ def applied_voltage(ops: Ops, p: Any, reference: Value, speed: Value, current: V
                     ) -> tuple[Value, Value]:
     """Return the winding's voltage [V], and whether this voltage or the current reference is limited.
 
-    `reference` is the analogue reference [V] in the drive, `supply` its voltage [V]. A PWM amplifier has no current
-    reference.
+    `reference` is the analogue reference [V] in the drive, `supply` the drive's supply voltage [V]. A PWM amplifier has
+    no current reference.
     """
     if p.structure.current == "pwm":
         demand = pwm_voltage(p, reference)
@@ -101,7 +104,7 @@ def pwm_voltage(p: Any, reference: Value) -> Value:
 
 
 def flowing(p: Any, reference: Value, current: Value) -> Value:
-    """Return the motor current [A]: the state `current`, or with an ideal loop the current reference."""
+    """Return the motor current [A]: the state `current`, or with an ideal loop the current reference without limit."""
     return current_reference_raw(p, reference) if p.structure.current == "ideal" else current
 
 
@@ -127,7 +130,7 @@ def lag(p: Any) -> Value:
 def inverse(p: Any, current: Value, speed: Value, integral: Value) -> tuple[Value, Value]:
     """Return the reference [V] for a motor current [A] at a motor speed [rad/s], without offset and limits.
 
-    `integral` [V] is that of the current loop; the second result is the integral after a sample time.
+    `integral` [V] is that of the current loop. The second result is the integral [V] after a sample time.
     """
     if p.structure.current == "ideal":
         return current / p.drive.current_gain, integral
@@ -156,6 +159,6 @@ def torque(p: Any, current: Value) -> Value:
 
 
 def limit_torque(ops: Ops, p: Any, supply: Value, speed: Value) -> Value:
-    """Return the largest motor torque [N.m] at a motor speed [rad/s], in steady motion; the smallest is -T(-w)."""
+    """Return the largest motor torque T [N.m] in steady motion at a motor speed w [rad/s]; the smallest is -T(-w)."""
     current = steady_current(ops, p, supply, speed)
     return torque(p, ops.clip(current, -p.drive.current_limit, p.drive.current_limit))

@@ -1,9 +1,9 @@
 """Elastic drive line with a gap: the torque between rotor and fin.
 
-The fin's angle is referred to the motor: phi = theta(fin_angle) of (2.5), so that phi = motor angle for a rigid
-line. Twist of the shaft, axial compliance of screw, nut and thrust bearing, that of the flanks of nut and fork, and
-that of fork, fin shaft and structure about the hinge are in series under one torque T at the motor (force T/l in
-the screw, moment T R about the hinge):
+The fin's angle is referred to the motor: phi = theta(fin_angle) of (2.5), so that phi is the motor angle for a rigid
+line. Under one torque T at the motor (force T/l in the screw, moment T R about the hinge) these yield in series: the
+shaft by twist; screw, nut and thrust bearing along the axis; the flanks of nut and fork; and fork, fin shaft and
+structure about the hinge.
 
     s = theta_m - phi                                        deflection at the motor [rad]
     C_s = c_t + c_x/l^2        C_h = R^2 sum 1/k_j           compliances [rad/(N.m)] before and behind the flanks
@@ -11,15 +11,15 @@ the screw, moment T R about the hinge):
     K = 1/C        D = sum D_i (C_i/C)^2                     each damping at its share of the rate of deflection
     f = K (s -+ g/2) + D ds/dt        T = f >= 0 on the flank s >= g/2, f <= 0 on s <= -g/2, else 0
 
-with g = gap/l, l lead per radian, and R the ratio at the fin's angle. A flank presses and never pulls. Without a gap
-the nut is preloaded and T = K s + D ds/dt. Without compliance and gap the line is rigid. The change of the
-lever's ratio by the deflection is neglected: at an angle phi_l of the lever the relative error of T is tan(phi_l) times
-the deflection about the hinge.
+with g = gap/l, l the lead per radian, and R the ratio at the fin's angle. A flank presses and never pulls. Without a
+gap the nut is preloaded and T = K s + D ds/dt. Without compliance and gap the line is rigid. The change of the lever's
+ratio by the deflection is neglected: at a lever angle phi_l the relative error of T is tan(phi_l) times the deflection
+about the hinge.
 
     J_t dw/dt = K_t i + T_rotor - b_m w - C_m sgn w + l P_n - T
     (J_ft/R^2) du/dt = T + T_f/R - b_f u/R^2 - (C_f/R) sgn u + J_ft R'/R^4 u^2        w = dtheta_m/dt, u = dphi/dt
 
-The sum of both at w = u is the equation of :mod:`emcas_fmu.physics.mechanics`.
+The sum of both equations at w = u is the equation of :mod:`emcas_fmu.physics.mechanics`.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from ..ops.base import Ops, Value
 from . import kinematics, mechanics
 from .loads import NONE
 
-# A flank counts as met within this distance, since both angles are rounded.
-MET = 1e-9  # rad at the motor, 1e-12 m: far above the rounding of the motor angle
+# A flank counts as met within this distance, far above the rounding of both angles.
+MET = 1e-9  # rad at the motor, 1e-12 m at the nut
 _NO_ROTOR = {"inertia.motor": 0.0, "inertia.screw": 0.0, "mass.nut": 0.0}
 
 
 class Line(NamedTuple):
-    """A drive line at the motor: K [N.m/rad], D [N.m.s/rad], g/2 [rad], C_s/C [-]; `loose`: it has a gap."""
+    """A drive line at the motor: K [N.m/rad], D [N.m.s/rad], g/2 [rad], C_s/C [-], and whether it has a gap."""
 
     stiffness: Value
     damping: Value
@@ -53,7 +53,7 @@ def structure_compliance(p: Any) -> Value:
 
 
 def hinge_compliance(ops: Ops, p: Any) -> Value:
-    """Return the compliance [rad/(N.m)] about the hinge of fork, fin shaft and structure; a stiffness of 0 is rigid."""
+    """Return the compliance [rad/(N.m)] about the hinge of fork, fin shaft and structure; a stiffness 0 means rigid."""
     line, total = p.drive_line, 0.0
     for stiffness in (line.fork_stiffness, line.shaft_stiffness, line.structure_stiffness):
         yields = stiffness > 0.0
@@ -87,7 +87,7 @@ def line(ops: Ops, p: Any, angle: Value) -> Line:
 
 
 def pressed(ops: Ops, c: Line, deflection: Value, rate: Value) -> tuple[Value, Value]:
-    """Return whether a flank presses, and the deflection [rad] where it begins to press: +-g/2, 0 if preloaded."""
+    """Return whether a flank presses, and the deflection [rad] at which it begins to press: +-g/2, 0 if preloaded."""
     def on(side: float) -> Value:
         beyond = side * deflection - c.half_gap
         pushing = c.stiffness * beyond + c.damping * side * rate > least(c)

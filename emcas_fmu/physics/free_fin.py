@@ -2,7 +2,7 @@
 
     (J_fin + J_shaft) d2(delta)/dt2 = T_f - b_f d(delta)/dt - C_f sgn(d(delta)/dt)
 
-T_f as in (2.27)-(2.45) without the fork.
+T_f is that of (2.27)-(2.45) without the fork; a torsion bar adds its torque.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def moment(ops: Ops, p: Any, angle: Value, u: Record) -> Value:
 
 
 def _pushed(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Value:
-    """Return the midpoint rule's acceleration [rad/s2] over `h` [s]; 0 for a fin at rest that friction holds."""
+    """Return the acceleration [rad/s2] over `h` [s] by the midpoint rule; 0 for a fin at rest that friction holds."""
     dry, viscous = mechanics.hinge_friction(p)
     way = ops.where(rate > 0.0, 1.0, ops.where(rate < 0.0, -1.0, ops.where(torque > 0.0, 1.0, -1.0)))
     net = torque - way * dry
@@ -35,7 +35,7 @@ def _pushed(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Value:
 
 
 def advance(ops: Ops, p: Any, angle: Value, rate: Value, u: Record, h: Value) -> tuple[Value, Value]:
-    """Return angle [rad] and rate [rad/s] of the fin after `h` [s]; dry friction or a stop may bring it to rest."""
+    """Return angle [rad] and rate [rad/s] of the fin after `h` [s]; friction or a stop may bring it to rest."""
     torque = moment(ops, p, angle + 0.5 * h * rate, u)
     first = _pushed(ops, p, torque, rate, h)
     turns = rate * (rate + h * first) < 0.0

@@ -3,15 +3,13 @@
     C_m = k_C(T) max(sum_n c_n (fin_angle/20 deg)^n, 0)        b_m = k_b(T) b
 
 with coefficients c_n and b for each direction of motion. At rest friction balances the other torques up to C_m: the
-motor sticks exactly. Section 3.3 measures both at 24 and -6 degC and fits sixth-order polynomials of the fin angle for
-each direction. The ratios k_C and k_b to the friction at 24 degC are tables over temperature, ``friction.table.*``:
+motor sticks exactly. Section 3.3 measures friction at 24 and -6 degC and fits a sixth-order polynomial of the fin angle
+for each direction. The ratios k_C and k_b to the friction at 24 degC are tables over temperature, ``friction.table.*``:
 linear between their points, constant beyond the first and the last.
 
-With :mod:`emcas_fmu.extensions.stribeck` C_m changes with the speed w, from s C_m at rest:
+With :mod:`emcas_fmu.extensions.stribeck` friction falls with the speed w, from s C_m at rest to C_m:
 
     C_m (1 + (s - 1) exp(-(w/w_s)^2))
-
-The bristles of :mod:`emcas_fmu.extensions.lugre` are integrated in :mod:`emcas_fmu.steppers.lugre`.
 """
 
 from __future__ import annotations
@@ -27,7 +25,7 @@ POLYNOMIAL_SPAN = radians(20.0)  # the polynomials' variable is fin_angle / POLY
 
 
 def _temperature_factor(ops: Ops, p: Any, ratios: Sequence[Value]) -> Value:
-    """Return the ratio at friction.temperature; at a point of the table it is that of the table to the bit."""
+    """Return the ratio [-] at friction.temperature; at a point of the table it is the table's value to the bit."""
     points, now = p.friction.table.temperature, p.friction.temperature
     factor = ratios[0]
     for low, high, at_low, at_high in zip(points, points[1:], ratios, ratios[1:], strict=False):
@@ -37,7 +35,7 @@ def _temperature_factor(ops: Ops, p: Any, ratios: Sequence[Value]) -> Value:
 
 def coulomb_polynomial(coefficients: Any, fin: Value) -> Value:
     """Return the polynomial [N.m] of one direction at a fin angle [rad], as fitted; it may be negative."""
-    # The coefficients for the angle itself, without the division by the span, depend on parameters alone.
+    # The span is in the coefficients, which depend on parameters alone: no step divides by it.
     return polynomial(fin, [c * (1.0 / POLYNOMIAL_SPAN**n) for n, c in enumerate(coefficients)])
 
 

@@ -1,18 +1,18 @@
-"""Heat of the motor: two thermal nodes, the parameters that depend on them, and the drive's I2t limit.
+"""Heat of the motor: two thermal nodes, the parameters that depend on their temperatures, and the drive's I2t limit.
 
     C_w dT_w/dt = R i^2 - (T_w - T_c)/R_wc        C_c dT_c/dt = (T_w - T_c)/R_wc - (T_c - T_a)/R_ca
     R = R_0 (1 + a_R (T_w - T_0))        K_t = K_t0 (1 + a_K (T_c - T_0)), K_e likewise
 
 w is the winding, c the case with stator and magnets, a the ambient. Losses of iron and friction are left out. As in
-servo drives, the drive integrates the square of its current beyond that of the continuous current I_c, not below zero:
+servo drives, the drive integrates the square of its current minus that of the continuous current I_c to a load s >= 0:
 
     ds/dt = F (i^2 - I_c^2) / ((I_p^2 - I_c^2) t_p)        0 <= s
     I_max^2 = I_c^2 + (I_p^2 - I_c^2) clip((1 - s)/(1 - F), 0, 1)
 
 From s = 0 the peak I_p (drive.current_limit) is available for t_p; from s = F on the limit folds back, to I_c at s = 1.
-The limit is a continuous function of a state, so it neither jumps nor chatters: under a larger reference i^2 - I_c^2
-falls exponentially, with the time constant t_p (1 - F)/F. I_p is the drive's rated peak: a fault that lowers
-drive.current_limit does not change I_p and s, and the lower of the two limits acts.
+The limit is a continuous function of a state, so it neither jumps nor chatters: while the reference is above the limit,
+i^2 - I_c^2 falls exponentially, with the time constant t_p (1 - F)/F. I_p is the drive's rated peak: a fault that
+lowers drive.current_limit changes neither I_p nor s, and the lower of drive.current_limit and I_max acts.
 """
 
 from __future__ import annotations
@@ -22,9 +22,8 @@ from typing import Any
 from ..namespace import with_values
 from ..ops.base import Ops, Value
 
-FOLDING = 0.9  # F, the share of the I2t budget from which the limit folds back
-# Lower bound of the lines over temperature, as a share of their value at T_0.
-LEAST = 0.1
+FOLDING = 0.9  # F, the I2t load from which the limit folds back
+LEAST = 0.1  # smallest R/R_0 and K_t/K_t0
 
 
 def _linear(ops: Ops, p: Any, coefficient: Value, temperature: Value) -> Value:
@@ -37,7 +36,7 @@ def resistance(ops: Ops, p: Any, winding: Value) -> Value:
 
 
 def magnets(ops: Ops, p: Any, case: Value) -> Value:
-    """Return the flux of the magnets at a case temperature [degC] over that at T_0, the factor of K_t and K_e [-]."""
+    """Return the ratio [-] of the magnets' flux, K_t and K_e at a case temperature [degC] to those at T_0."""
     return _linear(ops, p, p.heat.torque_coefficient, case)
 
 
@@ -64,7 +63,7 @@ def warmed(p: Any, winding: Value, case: Value, loss: Value, h: Value) -> tuple[
     between, away = 1.0 / p.heat.winding_to_case, 1.0 / p.heat.case_to_ambient
     first, second = loss - inward, inward - outward
     below = case_rate + between + away
-    # Half the changes. The square of the conductance between the nodes is left out: it cancels.
+    # The square of the conductance between the nodes is left out: it cancels. The rises are half the changes.
     determinant = winding_rate * below + between * (case_rate + away)
     rise = (first * below + second * between) / determinant
     case_rise = (second * (winding_rate + between) + first * between) / determinant
@@ -80,8 +79,8 @@ def _squares(ops: Ops, p: Any, peak: Value) -> tuple[Value, Value]:
 def loaded(ops: Ops, p: Any, load: Value, square: Value, h: Value, rated: Value | None = None) -> Value:
     """Return the I2t load s [-] after `h` [s] with a mean `square` of the current [A^2].
 
-    It is 0 if the peak is not above the continuous current. `rated` [A] is the peak of a drive that a fault derates,
-    else None.
+    It is 0 if the peak is not above the continuous current. `rated` [A] is the rated peak of a drive that a fault
+    derates, otherwise None.
     """
     continuous, reserve = _squares(ops, p, p.drive.current_limit if rated is None else rated)
     limited = reserve > 0.0
@@ -97,7 +96,7 @@ def sustained_current(ops: Ops, p: Any, duration: Value) -> Value:
 
 
 def current_limit(ops: Ops, p: Any, load: Value, rated: Value | None = None) -> Value:
-    """Return the largest current reference [A] at an I2t load s [-], within the limit of a derated drive."""
+    """Return the largest current reference [A] at an I2t load s [-]; `rated` as in :func:`loaded`."""
     peak = p.drive.current_limit if rated is None else rated
     continuous, reserve = _squares(ops, p, peak)
     remaining = (1.0 - load) / (1.0 - FOLDING)

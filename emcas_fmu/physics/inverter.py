@@ -12,8 +12,8 @@ the largest amplitude of the ripple, at a duty cycle of one half; with 0.05 or 0
 differs by less than 0.002 deg. The lost voltage takes no power from the supply: the motor's power is that of the
 remaining voltage.
 
-An open bridge rectifies: its diodes conduct from the motor into the supply V if the mean 3 E/pi of the rectified
-back-EMF exceeds V (E: its amplitude line to line), and after the bridge has opened until the current is 0:
+An open bridge rectifies. Its diodes conduct from the motor into the supply V if the mean 3 E/pi of the rectified
+back-EMF exceeds V (E: its amplitude line to line). When the bridge opens, they also conduct until the current is 0:
 
     L di/dt = -+ V_s - R_s i - K_e w
 
@@ -22,9 +22,7 @@ with V_s against the current. With n pole pairs, and X = n w L, up to E/V = 1.4
     V_s = V_o = pi V/3        R_s = R_b = sqrt(R^2 + (0.8 X)^2)
 
 where V_o |i| + (R_b - R) i^2 returns to the supply. R_b is an estimate, fitted to three phases on the diodes of a stiff
-supply. For 3 to 8 pole pairs of the default motor at 39 V its braking current is within 13 % of that of the phases for
-E/V from 1.1 to 1.4 (at most 26 % too large from 10 V on, or with 1 pole pair). At a lower E/V, where the phases conduct
-in pulses, it is off by at most 0.4 A; the returned power is then at most 4 % too large.
+supply.
 
 From E/V = 2 on all phases conduct at all times. With the amplitude I of their current and the fundamental V_1 of the
 bridge's voltage, which is in phase with the current,
@@ -32,10 +30,11 @@ bridge's voltage, which is in phase with the current,
     (V_1 + R I)^2 + (X I)^2 = E^2        V_1 = (2 sqrt(3)/pi) V        r = I/|i| = E/(V_1 + R I)
     V_s = r V_1        R_s = r^2 R
 
-V_1 I = V_s |i| returns to the supply; R I^2 is heat. The braking current is within 9 % of that of the phases, from
-E/V = 3 on within 3 %, for 1 to 8 pole pairs up to 350 rad/s. At V = 0 it is that of shorted terminals
-(:mod:`.winding`), and no power returns. Between E/V = 1.4 and 2 the constants change linearly with E/V (within 20 %). I
-is that at a constant speed: a fin released at 277 rad/s into 0 V moves 7 % further than with three phases.
+V_1 I = V_s |i| returns to the supply; R I^2 is heat. At V = 0 the current is that of shorted terminals
+(:mod:`.winding`), and no power returns. Between E/V = 1.4 and 2 the constants change linearly with E/V. I is that of a
+constant speed: a fin released at 277 rad/s into 0 V moves 7 % further than with three phases. docs/model/drive.md
+compares the braking current with that of three phases, up to 350 rad/s. The returned power is at most 4 % too large
+where the phases conduct in pulses.
 """
 
 from __future__ import annotations
@@ -66,12 +65,12 @@ class Diodes(NamedTuple):
 
 
 def dead_voltage(ops: Ops, p: Any, supply: Value) -> Value:
-    """Return the voltage V_d [V] that the dead time takes from the drive, at a supply [V]."""
+    """Return the voltage V_d [V] that the drive loses by the dead time, at a supply [V]."""
     return _FUNDAMENTAL * (p.inverter.dead_time * p.inverter.switching_frequency) * ops.maximum(supply, 0.0)
 
 
 def _within_ripple(p: Any) -> Value:
-    """Return the resistance [Ohm] that is equivalent to the dead time at currents below the ripple, V_d/i_r."""
+    """Return V_d/i_r, the resistance [Ohm] that is equivalent to the dead time at currents below the ripple."""
     frequency = p.inverter.switching_frequency
     return _FUNDAMENTAL / _RIPPLE * p.motor.inductance * p.inverter.dead_time * (frequency * frequency)
 
@@ -114,9 +113,9 @@ def diodes(ops: Ops, p: Any, supply: Value, speed: Value) -> Diodes:
 
 
 def current_side(ops: Ops, p: Any, supply: Value, speed: Value, current: Value) -> Value:
-    """Return the sign of the current (-1, 0, 1) that the diodes of an open bridge let flow at a motor speed [rad/s].
+    """Return the sign (-1, 1) of the current through the diodes of an open bridge, 0 if they do not conduct.
 
-    It is 0 if they do not conduct. A `current` [A] that flows keeps its sign; a new one flows against the back-EMF.
+    A `current` [A] that flows keeps its sign; a new current flows against the back-EMF of the `speed` [rad/s].
     """
     emf = drive.back_emf(p, speed)
     begins = ops.where(ops.fabs(emf) > onset(ops, supply), -ops.sign(emf), 0.0)

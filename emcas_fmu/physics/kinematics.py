@@ -4,9 +4,8 @@
     theta = x / l                       motor angle; l = screw lead per radian
     R = d theta/d fin_angle = (d/l) / cos^2 phi
 
-The tangent of the lever angle is linear in the motor angle, so the equation of motion needs only arithmetic with it.
-Simpler models have a constant ratio, that of an assembly angle of zero and small angles (2.18): theta = (d/l)
-fin_angle.
+The equation of motion uses the tangent of the lever angle, which is linear in the motor angle. Simpler models have the
+constant ratio d/l of small angles and phi_0 = 0, (2.18): theta = (d/l) fin_angle.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from ..ops.base import Ops, Value
 
 
 def lever_tangent(ops: Ops, p: Any, motor_angle: Value) -> Value:
-    """Return tan(phi) at a motor angle [rad]; (2.1)-(2.5) solved for it."""
+    """Return tan(phi) at a motor angle [rad], from (2.1)-(2.5)."""
     gain = p.screw.lead / p.kinematics.moment_arm
     if p.structure.constant_ratio:
         return ops.tan(gain * motor_angle + p.kinematics.initial_angle)
@@ -44,7 +43,7 @@ def motor_angle(ops: Ops, p: Any, fin: Value) -> Value:
 
 
 def deviates(ops: Ops, p: Any, plant: Any) -> Value:
-    """Return whether lever or screw of the parameters `plant` deviate from the nominal ones in `p`."""
+    """Return whether lever or screw in the parameters `plant` differ from those in the nominal parameters `p`."""
     same: Value = True
     for nominal, actual in ((p.kinematics.moment_arm, plant.kinematics.moment_arm), (p.screw.lead, plant.screw.lead),
                             (p.kinematics.initial_angle, plant.kinematics.initial_angle)):

@@ -9,8 +9,8 @@ x axis; the hinge is at r = (mounting.station, 0, 0) from it:
     W = R_x(azimuth) w        A = R_x(azimuth) w'              the vehicle's rotation in the fin's frame
 
 The force on a mass m at r from the hinge is m (f - A x r - W x (W x r) - 2 W x v). The first term acts at the centres
-of mass, turned by the fin angle d. In the other terms the turning parts are a plate through the hinge: mass at s along
-the chord is at r = (s cos d, 0, -s sin d), and with J = sum m s^2, the inertia about the hinge,
+of mass, turned by the fin angle d. For the other terms the turning parts are taken as a plate through the hinge: a mass
+at s along the chord is at r = (s cos d, 0, -s sin d), and with J = sum m s^2, the inertia about the hinge,
 
     -y . r x (W x (W x r)) = (W . r) (x W_z - z W_x) = s^2 ((W_x^2 - W_z^2) sin d cos d + W_x W_z cos 2d)
     -y . r x (A x r)       = -s^2 A_y
@@ -19,10 +19,10 @@ the chord is at r = (s cos d, 0, -s sin d), and with J = sum m s^2, the inertia 
     T_inertial = y . sum r_i x m_i f + J ((W_x^2 - W_z^2) sin d cos d + W_x W_z cos 2d - A_y)
     P_n = m_nut f_x
 
-A steady roll thus turns the fin away from zero. Products of inertia with the coordinate y along the hinge are
-neglected, and so are the parts' thickness and, for the nut, its distance from the hinge. The largest product gives
-m s y cos d A_x. For the default fin (3 kg, s = -0.03 m) and an assumed y = 0.2 m this is -9 N.m at 500 rad/s2; a host
-adds it to aero_torque. Rotor and screw turn about body x (:func:`emcas_fmu.physics.mechanics.rotor_torque`).
+A steady roll thus turns the fin away from zero. Neglected are products of inertia with the coordinate y along the
+hinge, the parts' thickness, and the nut's distance from the hinge. The largest neglected moment is m s y cos d A_x. For
+the default fin (3 kg, s = -0.03 m) and an assumed y = 0.2 m it is -9 N.m at 500 rad/s2; a host may add it to
+aero_torque. Rotor and screw turn about body x (:func:`emcas_fmu.physics.mechanics.rotor_torque`).
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class MotionLoads(NamedTuple):
 
 
 LOADS = ("aero_torque", *MotionLoads._fields)
-"""Names of the loads on the plant; each acts as its mean over a tick."""
+"""Names of the loads on the plant; the mean of each over a tick acts."""
 NONE = Record(**dict.fromkeys(LOADS, 0.0))
 
 
@@ -60,7 +60,7 @@ def motion_loads(ops: Ops, p: Any, *motion: Value) -> MotionLoads:
     """Return the loads of a vehicle's motion, (2.27)-(2.33), (2.36).
 
     `motion` is the body's acceleration [m/s2], roll, pitch and yaw [rad], rates [rad/s] and angular acceleration
-    [rad/s2]; yaw has no effect, since it turns about the direction of gravity. The fin's frame is the body's, turned
+    [rad/s2]. Yaw has no effect: it is a turn about the direction of gravity. The fin's frame is the body's, turned
     about x by mounting.azimuth.
     """
     a_x, a_y, a_z, roll, pitch, _, w_x, w_y, w_z, d_x, d_y, d_z = motion
@@ -120,7 +120,7 @@ def _moment(ops: Ops, p: Any, u: Any, nothing: Value, weight: Callable[[], Value
             angle: Callable[[], tuple[Value, Value]]) -> Value:
     """Return the moment [N.m] of the masses, from `weight`, and of rotation; `angle` returns the fin's cosine and sine.
 
-    Most hosts set none of these inputs: the result is then `nothing`, a zero.
+    If all motion loads in `u` are 0, as with most hosts, the result is `nothing`, a zero.
     """
     def rotating() -> tuple[Value, ...]:
         cosine, sine = angle()
@@ -134,7 +134,7 @@ def _moment(ops: Ops, p: Any, u: Any, nothing: Value, weight: Callable[[], Value
 
 
 def _zero(ops: Ops, first: Value, *others: Value) -> Value:
-    """Return whether all values are zero, by a single comparison since every step needs it."""
+    """Return whether all values are zero; every step needs this, so one comparison is used."""
     total = ops.fabs(first)
     for other in others:
         total = total + ops.fabs(other)

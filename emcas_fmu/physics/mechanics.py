@@ -1,13 +1,13 @@
 """Equation of motion (2.8)-(2.17), written for the motor angle.
 
-With R = dtheta/ddelta and ddelta = w/R - R' w^2/R^3 the hinge equation
+With the fin angle delta, R = d(theta)/d(delta), R' = dR/d(delta), the fin rate q = w/R and dq/dt = (dw/dt)/R -
+R' w^2/R^3, the hinge equation
 
-    (J_ft + J_t R^2) ddelta = R T_m - R^2 b_m ddelta/dt - J_t R R' (ddelta/dt)^2 - b_f ddelta/dt
-                              + T_f + l R P_n - T_C
+    (J_ft + J_t R^2) dq/dt = R T_m - R^2 b_m q - J_t R R' q^2 - b_f q + T_f + l R P_n - T_C
 
 divided by R becomes
 
-    (J_t + J_ft/R^2) dw = T_m - b_m w - b_f w/R^2 + T_f/R + l P_n - T_C/R + J_ft R'/R^4 w^2
+    (J_t + J_ft/R^2) dw/dt = T_m - b_m w - b_f w/R^2 + T_f/R + l P_n - T_C/R + J_ft R'/R^4 w^2
 
 with R' = 2 R tan(phi). Its coefficients hardly vary. The vehicle's angular acceleration A_x about the screw reduces the
 motor's torque by (J_motor + J_screw) A_x, since rotor and screw also turn with the vehicle.
@@ -25,7 +25,7 @@ from . import friction, kinematics, loads
 from .loads import fin_inertia
 
 HINGE_DRY = ("friction.fin_coulomb",)
-"""Parameters [N.m] whose sum is the dry friction about the hinge; deviations and faults scale each."""
+"""Parameters [N.m] whose sum is the dry friction about the hinge; deviations and faults scale all of them."""
 HINGE_VISCOUS = ("friction.fin_viscous",)
 """Parameters [N.m.s/rad] whose sum is the viscous coefficient about the hinge."""
 _LEAST = 1e-12  # N.m, smallest g of bristles
@@ -34,9 +34,9 @@ _LEAST = 1e-12  # N.m, smallest g of bristles
 class Mechanics(NamedTuple):
     """Coefficients of the equation of motion at one motor angle, all referred to the motor except `fin`.
 
-    ``inertia`` [kg.m2], ``load`` [N.m] (external, positive along positive motor
-    angle), ``rotor`` [N.m] (the share of it that acts on the rotor itself),
-    ``centrifugal`` [N.m.s2/rad2] (coefficient of w^2), ``ratio`` R [-], ``gain`` 1/R [-], ``fin`` angle [rad].
+    ``inertia`` [kg.m2], external ``load`` [N.m], positive along a positive motor angle, ``rotor`` [N.m], the part of
+    the load that acts on the rotor itself, ``centrifugal`` [N.m.s2/rad2], the coefficient of w^2, ``ratio`` R [-],
+    ``gain`` 1/R [-], ``fin`` angle [rad].
     """
 
     inertia: Value
@@ -56,8 +56,8 @@ def screw_inertia(p: Any) -> Value:
 def rotor_torque(p: Any, u: Any) -> Value:
     """Return the torque [N.m] on rotor and screw from the vehicle's angular acceleration about the screw.
 
-    A positive motor angle is a right-handed turn about body +x; for a motor that turns in the other direction the sign
-    is the opposite.
+    A positive motor angle is a right-handed turn about body +x; for a motor that turns in the other direction the
+    torque has the opposite sign.
     """
     return -(p.inertia.motor + p.inertia.screw) * u.alpha_x
 
@@ -93,7 +93,7 @@ class HingeFriction(NamedTuple):
 
 
 def hinge_friction(p: Any) -> HingeFriction:
-    """Return the friction about the hinge; all actuators use these equations."""
+    """Return the friction about the hinge, the same equations for all actuators."""
     return HingeFriction(*(reduce(add, (value_of(p, name) for name in names)) for names in (HINGE_DRY, HINGE_VISCOUS)))
 
 
@@ -103,12 +103,12 @@ def with_hinge_friction(p: Any, factor: Value) -> Any:
 
 
 def hinge_dry(p: Any, m: Mechanics) -> Value:
-    """Return the dry friction about the hinge [N.m] at the motor."""
+    """Return the dry friction [N.m] about the hinge, referred to the motor."""
     return hinge_friction(p).dry * m.gain
 
 
 def hinge_damping(p: Any, m: Mechanics) -> Value:
-    """Return the viscous coefficient about the hinge [N.m.s/rad] at the motor (2.17)."""
+    """Return the viscous coefficient [N.m.s/rad] about the hinge, referred to the motor (2.17)."""
     return hinge_friction(p).viscous * (m.gain * m.gain)
 
 
@@ -125,7 +125,8 @@ def damping(ops: Ops, p: Any, m: Mechanics, direction: Value) -> Value:
 def bristles(ops: Ops, p: Any, m: Mechanics, speed: Value) -> tuple[Value, Value]:
     """Return a = sigma_0 |w|/g [1/s] and sigma_1 [N.m.s/rad] of LuGre bristles at a motor speed w [rad/s].
 
-    g is C_m, with its excess at low speed, plus the Coulomb friction about the hinge, at the motor. sigma_1 |w| < g.
+    g is C_m, with its excess at low speed, plus the dry friction about the hinge, referred to the motor. sigma_1 is so
+    small that sigma_1 |w| < g.
     """
     bristle, turning = p.lugre, ops.fabs(speed)
     motor = (friction.coulomb(ops, p, speed, m.fin)

@@ -3,21 +3,21 @@
     C dp/dt = Q_pump - sum Q_i        Q_i = P_i/p        Q_pump = clip(G (p_set - p), 0, Q_max)
     C = V/(n p)                       V = V_0 (p_0/p)^(1/n)
 
-p is the absolute pressure at the actuators, p_set the setting of the pump's regulator. V is the gas in
-an accumulator of the volume V_0 with the precharge p_0; it changes by p V^n = constant. Below p_0 the accumulator is
-empty, and only oil, its air and pipes are compliant: C is then a hundredth of its value at p_0 (an estimate).
+p is the absolute pressure at the actuators, p_set the setting of the pump's regulator. V is the volume of the gas in an
+accumulator of the volume V_0 with the precharge p_0; p V^n is constant. Below p_0 the accumulator is empty, and only
+oil, its air and pipes are compliant: C is then a hundredth of its value at p_0 (an estimate).
 
-A step h uses C at its start, the pump's flow at its end, and the draw Q at its start, which it changes in proportion to
+A step h uses C and the flow Q to all actuators at its start, and the pump's flow at its end. Q changes in proportion to
 the pressure:
 
     C (p' - p)/h = Q_pump(p') - Q - |Q|/p (p' - p)
 
 Each of the three pieces of Q_pump has a solution p'. The correct p' is the larger of the solution without pump flow and
 the smaller of the other two. It is a mean, with weights that are not negative, of p, p_set and pressures at which flows
-balance: it does not overshoot, whatever h is. A line that fills stops at p_0 for a step, since C changes there. p stays
-at a hundredth of a bar or above, like the pressure of vapour.
+balance: it does not overshoot, whatever h is. If a line fills, a step ends at p_0, since C changes there. p stays at or
+above a hundredth of a bar, about the pressure of vapour.
 
-The draw of an actuator behind a throttle, with the pressure p_1 behind the throttle, really has the slope
+The flow Q to an actuator behind a throttle, with the pressure p_1 behind the throttle, really has the slope
 Q/(2 (p - p_1)). The step is stable if the drop p - p_1 is above a quarter of p, or if h times the slope is below C.
 """
 
@@ -28,8 +28,8 @@ from typing import Any
 from ..ops.base import Ops, Value
 
 LEAST = 1e3  # Pa, smallest pressure
-EMPTY = 0.01  # compliance with an empty accumulator over that at the precharge
-LEAST_COMPLIANCE = 1e-16  # m3/Pa, of less than a cubic centimetre of oil: a line is never quite stiff
+EMPTY = 0.01  # ratio of the compliance with an empty accumulator to that at the precharge
+LEAST_COMPLIANCE = 1e-16  # m3/Pa, that of less than a cubic centimetre of oil: a line is never rigid
 AT_SOURCE = -1.0  # state of a line that has not been stepped yet: it has the source's pressure
 
 

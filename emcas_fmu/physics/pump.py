@@ -5,14 +5,14 @@
     Q2 = -(D w - ...)                                  + C_e (p_a - p2) + K_c max(p_a - p_o - p2, 0)
     r(dp) = dp - p_r sgn dp beyond +-p_r, else 0
 
-D is the pump's displacement per radian, xi its leakage from side to side, C_e that to the case, which is at the
-pressure p_a of the reservoir; K_b o that of the bypass valve, open by the share o; K_r that of the relief valves, one
-for each direction, which open at p_r; K_c that of the check valves through which the reservoir refills a chamber, p_o
-their cracking pressure. Rotor and pump have one inertia J. Merritt, "Hydraulic Control Systems" (1967), chapter 4, for
-leakage and friction of a pump.
+D is the pump's displacement per radian, and J the inertia of rotor and pump. p_a is the pressure of reservoir and case.
+The conductances are xi of the pump's leakage from side to side, C_e of its leakage to the case, K_b o of the bypass
+valve, open by the share o, K_r of the relief valves, one for each direction, which open at p_r, and K_c of the check
+valves through which the reservoir refills a chamber, with the cracking pressure p_o. Leakage and friction are those of
+Merritt, "Hydraulic Control Systems" (1967), chapter 4.
 
 Oil does not bear tension: at the pressure p_v a void opens. Flow into or out of the chamber then changes the void,
-under a modulus far below the oil's. The chamber keeps its volume, so the void has to close before pressure rises.
+under a modulus far below the oil's. The chamber keeps its volume, so the void has to close before the pressure rises.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Valves(NamedTuple):
 
 class Lines(NamedTuple):
     """Coefficients of the flows [m3/s] in a state of the valves: ``cross`` (p1 - p2) - ``set`` from chamber 1 to 2, and
-    ``feed`` - ``drain`` p from the reservoir into a chamber; ``share`` [-] is the modulus over that of oil."""
+    ``feed`` - ``drain`` p from the reservoir into a chamber; ``share`` [-] is a chamber's modulus over that of oil."""
 
     cross: Value
     set: Value
@@ -49,7 +49,7 @@ class Lines(NamedTuple):
 
 
 def refill_pressure(p: Any) -> Value:
-    """Return the pressure [Pa] of a chamber below which its check valve is open."""
+    """Return the pressure [Pa] below which the check valve of a chamber is open."""
     return p.reservoir.pressure - p.check_valve.cracking_pressure
 
 
@@ -71,13 +71,14 @@ SHUT = Valves(False, False, 0.0, False, False)
 
 
 def bypass(ops: Ops, p: Any, enabled: Value) -> Value:
-    """Return the conductance [m3/(s.Pa)] of the bypass valve, which may open while the drive is disabled."""
+    """Return the conductance [m3/(s.Pa)] of the bypass valve; the parameters may open it while the drive is disabled.
+    """
     open_ = ops.where(ops.both(p.bypass_valve.opens_disabled, ops.negate(enabled)), 1.0, p.bypass_valve.opening)
     return open_ * p.bypass_valve.conductance
 
 
 def lines(ops: Ops, p: Any, v: Valves, bypassing: Value) -> Lines:
-    """Return the coefficients of the flows in a state of the valves, and a conductance of the bypass [m3/(s.Pa)]."""
+    """Return the coefficients of the flows in a state of the valves; `bypassing` is the bypass's conductance."""
     case, check, reservoir, refill = (p.pump.case_leakage, p.check_valve.conductance, p.reservoir.pressure,
                                       refill_pressure(p))
     fed, fed_by_check = case * reservoir, case * reservoir + check * refill

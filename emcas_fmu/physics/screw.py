@@ -1,15 +1,15 @@
 """Efficiency of the screw: the share of the load that acts on the rotor.
 
-The load of the screw, its axial force F, is L = F l at the motor (l lead per radian). It contains all on the load side
-of the screw and is positive if it resists positive motion. The torque e L acts on the rotor:
+The axial force F on the screw is a load L = F l at the motor (l: lead per radian). L contains everything on the load
+side of the screw and is positive if it resists positive motion. The torque e L acts on the rotor:
 
     J_r dw/dt = T_m - C_m sgn w - b_m w - e L            J_r of motor and screw; T_m with other torques on the rotor
     L = J_l dw/dt + L_0        J_l = m_nut l^2 + J_ft/R^2        L_0 = C_f sgn w/R + b_f w/R^2 - T_f/R - l P_n - ...
     e = 1/forward where the motor drives the load, L sgn w > 0        e = backward where the load drives the motor
 
-The screw turns (e - 1) L w >= 0 into heat. e L has a kink at L = 0 and no jump. The branch with the larger
-resistance applies, so that the acceleration is unique while J_r + e J_l > 0; L has the sign of J_l net + J_r L_0,
-net = T_m - C_m sgn w - b_m w. The load cannot drive a screw with a backward efficiency of 0 or less.
+The screw turns (e - 1) L w >= 0 into heat. e L has a kink at L = 0 and no jump. The acceleration is unique while
+J_r + e J_l > 0. L then has the sign of J_l net + J_r L_0, with net = T_m - C_m sgn w - b_m w. The load cannot drive a
+screw with a backward efficiency of 0 or less.
 
 The efficiencies are parameters, or those of worm and wheel (:mod:`emcas_fmu.physics.worm`) with l = 1 and R = N.
 """
@@ -30,12 +30,12 @@ def lossy(p: Any) -> bool:
 
 
 def falls(p: Any) -> bool:
-    """Return whether the efficiencies may depend on the speed."""
+    """Return whether the screw is a worm, whose efficiencies may depend on the speed."""
     return bool(p.structure.worm)
 
 
 def constant(ops: Ops, p: Any) -> Value:
-    """Return whether the efficiencies of a screw that :func:`falls` are the same at every speed."""
+    """Return whether the efficiencies of a worm are the same at every speed."""
     return ops.equal(p.worm.static_ratio, 1.0)
 
 
@@ -55,12 +55,12 @@ def share(ops: Ops, p: Any, transmitted: Value, direction: Value, speed: Value =
 
 
 def hold(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
-    """Return the friction [N.m] that a load `transmitted` [N.m] adds to the other friction of a screw at rest."""
+    """Return the friction [N.m] that a load `transmitted` [N.m] adds to the other friction at rest."""
     return (share(ops, p, transmitted, direction) - 1.0) * transmitted * direction
 
 
 def held(ops: Ops, p: Any, m: Mechanics, high: Value, low: Value) -> tuple[Value, Value]:
-    """Return the torques [N.m] beyond which a rotor at rest starts, with the friction of the loaded screw."""
+    """Return the torques [N.m] beyond which a rotor at rest starts: `high` and `low` with the friction by the load."""
     hinge = hinge_dry(p, m)
     return high + hold(ops, p, hinge - behind(m), 1.0), low - hold(ops, p, -hinge - behind(m), -1.0)
 
@@ -81,7 +81,7 @@ def load_inertia(p: Any, gain: Value) -> Value:
 
 
 def behind(m: Mechanics) -> Value:
-    """Return the load [N.m] that acts on the rotor through the screw."""
+    """Return the part [N.m] of the external load that acts on the rotor through the screw."""
     return m.load - m.rotor
 
 
@@ -92,7 +92,7 @@ def load(p: Any, m: Mechanics, speed: Value, direction: Value) -> Value:
 
 
 def felt(p: Any, m: Mechanics, e: Value) -> tuple[Any, Mechanics]:
-    """Return the parameters and coefficients in which the load side is multiplied by `e`."""
+    """Return parameters and coefficients with all terms of the load side multiplied by `e`."""
     inertia = m.inertia + (e - 1.0) * load_inertia(p, m.gain)
     load = e * behind(m) + m.rotor
     return with_hinge_friction(p, e), m._replace(inertia=inertia, load=load, centrifugal=e * m.centrifugal)
@@ -100,8 +100,8 @@ def felt(p: Any, m: Mechanics, e: Value) -> tuple[Any, Mechanics]:
 
 def transmitted(ops: Ops, p: Any, net: Value, inertia: Value, at_rest: Value, direction: Value,
                 speed: Value = 0.0) -> tuple[Value, Value]:
-    """Return L [N.m] and e [-] of a screw that turns at a speed [rad/s], from `net` [N.m], J_l [kg.m2] (`inertia`) and
-    L_0 [N.m] (`at_rest`)."""
+    """Return L [N.m] and e [-] of a screw that turns at a speed [rad/s], from `net` [N.m], `inertia` J_l [kg.m2] and
+    `at_rest` L_0 [N.m]."""
     rotor = rotor_inertia(p)
     weighed = inertia * net + rotor * at_rest
     e = share(ops, p, weighed, direction, speed)

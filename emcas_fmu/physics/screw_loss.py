@@ -1,4 +1,4 @@
-"""Heat of a loaded screw, (e - 1) L w of :mod:`emcas_fmu.physics.screw`, from states and outputs of an actuator."""
+"""Heat of a loaded screw, (e - 1) L w of :mod:`emcas_fmu.physics.screw`, from an actuator's states and outputs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from . import drive_line, friction, kinematics, loads, mechanics, screw
 
 def _load_side(ops: Ops, p: Any, speed: Value, fin: Value, moment: Value, u: Record, direction: Value
                ) -> tuple[Value, Value]:
-    """Return J_l [kg.m2] and L_0 [N.m] of a rigid drive line at a motor speed [rad/s] and a fin angle [rad]."""
+    """Return J_l [kg.m2] and L_0 [N.m] of a rigid drive line at a motor speed [rad/s] and a fin angle [rad], under a
+    hinge `moment` [N.m]."""
     m = mechanics.coefficients(ops, p, kinematics.motor_angle(ops, p, fin))
     m = m._replace(load=moment * m.gain + p.screw.lead * loads.nut_force(ops, p, u))
     return screw.load_inertia(p, m.gain), screw.load(p, m, speed, direction)

@@ -6,13 +6,13 @@
 
 T_s and w_0 are the stall torque and the no-load speed of the output at the voltage V_n without the gear's friction: a
 DC motor without inductance, whose constants and resistance follow from them (K_t = K_e = V_n/w_0, R = V_n^2/(T_s w_0)).
-`motor.asymmetry` is the share of T_m that is lost in one direction of the voltage, since brushes are off their neutral
-position.
+b acts only in contact. `motor.asymmetry` is the share of T_m that is lost in one direction of the voltage, since
+brushes are off their neutral position.
 
-C is the dry friction of the gear. It grows with T_l, the mean of the torques at both ends of the teeth, as in a gear
-with an efficiency; m is the share lost under a small torque, m + c the share lost under the stall torque.
-Friction that depends on load, with a Stribeck curve: Duclusaud et al., "Extended friction models for the physics
-simulation of servo actuators" (2024), there with coefficients of each end and another quadratic term.
+C is the dry friction of the gear. It grows with T_l, the mean of the torques at motor and output; m is the share of T_l
+that is lost under a small torque, m + c the share under the stall torque. Duclusaud et al., "Extended friction models
+for the physics simulation of servo actuators" (2024), have friction that depends on load, with a Stribeck curve, but
+with coefficients for either end and another quadratic term.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def motor_torque(ops: Ops, p: Any, x: Record, u: Record) -> Value:
 
 
 def windup(ops: Ops, p: Any, x: Record, u: Record) -> Value:
-    """Return the lead [rad] of the motor, at the output shaft, over the fin: play and wind-up."""
+    """Return the motor's angle at the output shaft minus the fin's [rad]: play and wind-up."""
     return x.motor_angle / p.gear.ratio - x.fin_angle
 
 

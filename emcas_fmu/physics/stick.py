@@ -1,7 +1,7 @@
 """Set-valued dry friction: a body at rest stays there to the bit while friction holds it.
 
-It applies to bodies whose other forces follow from states, so that each body sticks or slides independently of the
-others (:mod:`emcas_fmu.steppers.events`).
+It applies to bodies whose other forces follow from states, so that one body sticks or slides independently of others
+(:mod:`emcas_fmu.steppers.events`).
 """
 
 from __future__ import annotations
@@ -11,9 +11,7 @@ from typing import NamedTuple
 from ..ops.base import Ops, Value
 
 WALL = 1e30  # N or N.m, friction that represents a mechanical stop: nothing overcomes it
-# Friction counts as overcome from this share of its limit on: after a step that ended at breakaway, rounding must not
-# hold the body again.
-EDGE = 1.0 - 1e-9
+EDGE = 1.0 - 1e-9  # share of its limit at which friction is overcome, so that rounding at breakaway holds no body
 
 
 class Slide(NamedTuple):
@@ -32,19 +30,19 @@ def overcome(ops: Ops, torque: Value, high: Value, low: Value) -> tuple[Value, V
 
 
 def start(ops: Ops, torque: Value, high: Value, low: Value) -> Value:
-    """Return the direction in which a torque starts a body at rest; 0 if friction from `low` to `high` [N.m] holds."""
+    """Return the direction (-1, 1) in which a torque starts a body at rest, 0 between `low` and `high` [N.m]."""
     up, down = overcome(ops, torque, high, low)
     return ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
 
 
 def holding(ops: Ops, dry: Value, position: Value, stop: Value) -> tuple[Value, Value]:
-    """Return the torques [N.m] beyond which a body at rest at a position [rad] starts up and down, under dry friction
-    `dry` [N.m] between stops at +-`stop`."""
+    """Return the torques [N.m] beyond which a body at rest at a position [rad] starts up and down, under a dry friction
+    `dry` [N.m] and between stops at +-`stop` [rad]."""
     return ops.where(position >= stop, WALL, dry), -ops.where(position <= -stop, WALL, dry)
 
 
 def slide(ops: Ops, speed: Value, torque: Value, dry: Value, position: Value, stop: Value) -> Slide:
-    """Return the motion of a body with a `speed` [rad/s] under a `torque` and a dry friction `dry` [N.m].
+    """Return the motion of a body with a `speed` [rad/s] under a `torque` [N.m] and a dry friction `dry` [N.m].
 
     A body at rest at or beyond its stop, at +-`stop` [rad], starts inwards only.
     """
@@ -59,12 +57,12 @@ def moves(ops: Ops, s: Slide, value: Value) -> Value:
 
 
 def reserve(ops: Ops, s: Slide, torque: Value) -> Value:
-    """Return the change of a torque [N.m] that would start a body at rest; it is negative if the torque starts it."""
+    """Return the change of a torque [N.m] that starts a body at rest; it is negative if the torque itself starts it."""
     return ops.minimum(s.high - torque, torque - s.low)
 
 
 def margin(ops: Ops, s: Slide, speed: Value, torque: Value) -> Value:
-    """Return the event margin of the direction: the speed [rad/s], or at rest the friction reserve [N.m]."""
+    """Return the event margin of the direction: the speed [rad/s] or, for a body at rest, :func:`reserve` [N.m]."""
     return ops.where(ops.equal(s.direction, 0.0), reserve(ops, s, torque), s.direction * speed)
 
 
@@ -74,13 +72,13 @@ def stop_margin(ops: Ops, s: Slide, position: Value, stop: Value) -> Value:
 
 
 def nowhere(ops: Ops, s: Slide, begin: Value, end: Value) -> Value:
-    """Return whether a body that starts from rest would end the step at rest or moving against the direction of its
-    start; `begin` and `end` are its speeds [rad/s]."""
+    """Return whether a body that starts from rest ends the step at rest, or against the direction of its start; `begin`
+    and `end` are its speeds [rad/s]."""
     return ops.both(ops.equal(begin, 0.0), end * s.direction <= 0.0)
 
 
 def speed_after(ops: Ops, s: Slide, begin: Value, end: Value, halted: Value) -> Value:
-    """Return the speed [rad/s] at the end of a step: 0 if the body was `halted`, or started against its direction."""
+    """Return the speed [rad/s] at the end of a step: 0 if the body has `halted`, or would move against its start."""
     return ops.where(ops.either(halted, nowhere(ops, s, begin, end)), 0.0, end)
 
 
@@ -88,9 +86,9 @@ def landed(ops: Ops, s: Slide, stop: Value, begin: tuple[Value, Value], end: tup
            struck: Value) -> tuple[Value, Value]:
     """Return position [rad] and speed [rad/s] of a body between stops at +-`stop` after a step.
 
-    `begin` and `end` are position and speed before and after the step. The body came to rest in the step (`halted`), or
-    reached the stop ahead (`struck`). It may also be at the stop or beyond without the latter, if rounding puts another
-    event first, or if the body leaves the stop and turns back within the step.
+    `begin` and `end` are position and speed before and after the step. `halted` is true if the body came to rest in the
+    step, `struck` if it reached the stop ahead. A body may be at the stop or beyond without `struck`, if rounding puts
+    another event first, or if the body leaves the stop and turns back within the step.
     """
     (from_position, from_speed), (position, speed) = begin, end
     moving = ops.negate(ops.equal(s.direction, 0.0))

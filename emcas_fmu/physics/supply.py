@@ -7,8 +7,8 @@
     i_q = P_q/v, below the trip voltage P_q v/V_t^2                   current of the electronics
 
 U_d |i| is the loss of a fixed drop and of switching, R_d i^2 that of a resistance. The bridge opens when v falls below
-V_t, and works again above the recovery voltage. The losses load the link and do not reduce the motor's voltage; an open
-bridge does not rectify the back-EMF (:mod:`emcas_fmu.physics.inverter` does).
+V_t, and works again above the recovery voltage. The losses load the link and do not reduce the motor's voltage. An open
+bridge rectifies the back-EMF only with :mod:`emcas_fmu.physics.inverter`.
 """
 
 from __future__ import annotations
@@ -44,9 +44,10 @@ def brake_power(ops: Ops, p: Any, link: Value) -> Value:
 
 
 def load_current(ops: Ops, p: Any, link: Value, power: Value) -> Value:
-    """Return the current [A] that motor and inverter of a `power` [W] and the electronics draw from the link.
+    """Return the current [A] that motor and inverter, with a `power` [W], and the electronics draw from the link.
 
-    The motor draws none below the trip voltage. Where a step ends below it, a remaining power is divided by it.
+    The motor draws none below the trip voltage. Power that remains where a step ends below it is divided by the trip
+    voltage.
     """
     trip = p.supply.trip_voltage
     return (power + p.supply.quiescent_power * ops.minimum(link / trip, 1.0)) / ops.maximum(link, trip)
@@ -54,18 +55,18 @@ def load_current(ops: Ops, p: Any, link: Value, power: Value) -> Value:
 
 def _to_edge(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, level: Value | None = None
              ) -> tuple[Value, Value, Value]:
-    """Return the link's voltage [V] after `h` [s], or where diode or chopper switches before; the time left [s]; and
-    the charge [A.s] from the source until then. A fall of the link to a `level` [V] also ends the interval.
+    """Return the link's voltage [V] after `h` [s] or when diode or chopper switches, the time left [s], and the charge
+    [A.s] from the source until then. A fall of the link to a `level` [V] also ends the interval.
 
-    In between dv/dt = slope exp(-rate t), whose sign is constant. The charge is the sum of those into link, load and
-    chopper.
+    In the interval dv/dt = slope exp(-rate t), whose sign is constant. The charge is the sum of the charges into link,
+    load and chopper.
     """
     one_way, chopper = p.supply.one_way, p.supply.chopper_voltage
     flowing = source_current(ops, p, link, source) - load
     slope = (flowing - ops.maximum(link - chopper, 0.0) / p.supply.chopper_resistance) / p.supply.capacitance
     up = slope > 0.0
     side = ops.where(up, 1.0, -1.0)
-    # Exactly at its edge, diode or chopper conducts if the link's voltage moves into the range where it conducts.
+    # Exactly at its edge, diode or chopper conducts if the link's voltage moves to the side on which it conducts.
     fed = ops.either(ops.negate(one_way), ops.either(link < source, ops.both(ops.equal(link, source), ops.negate(up))))
     braked = ops.either(link > chopper, ops.both(ops.equal(link, chopper), up))
     rate = (ops.where(fed, 1.0 / p.supply.source_resistance, 0.0)
@@ -99,7 +100,7 @@ def moved(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, e
     """Return the link's voltage [V] after `h` [s] with a `load` current [A] and a `source` voltage [V], and the charge
     [A.s] from the source.
 
-    The result is exact for a constant load and source, however stiff; diode and chopper switch at most once each.
+    The result is exact for a constant load and source, however stiff. Diode and chopper switch at most once each.
     """
     end, left, charge = _to_edge(ops, p, link, source, load, h)
     if edges:
@@ -112,7 +113,7 @@ def moved(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, e
 
 
 def trip_time(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, edges: int = 2) -> Value:
-    """Return the time [s] after which the link has fallen to the trip voltage, `h` [s] if it has not by then.
+    """Return the time [s] in which the link falls to the trip voltage, `h` if it takes longer.
 
     The arguments are those of :func:`moved`.
     """
@@ -130,10 +131,10 @@ def trip_time(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Valu
 
 
 def mean_ahead(ops: Ops, p: Any, current: Value, mean: Value, interval: Value) -> Value:
-    """Return the source's mean current [A] in the next interval [s] at the same source voltage, from the current at the
-    end of the last interval and the mean in the last interval.
+    """Return the source's mean current [A] in the next interval [s] at the same source voltage.
 
-    The result is exact for a constant load; it is not below 0 for a source of one way.
+    `current` [A] is the current at the end of the last interval, `mean` [A] the mean in it. The result is exact for a
+    constant load, and not below 0 for a source of one way.
     """
     decay, kept = _decay(ops, p, interval)
     ahead = current + (current - mean) * (decay * (1.0 - kept) / (kept - decay))

@@ -8,18 +8,18 @@ and at a constant speed i_q = -K_e w/R' and a loss of R (i_q^2 + i_d^2) = R' i_q
 
     R' = R + (n w L)^2/R        T = -K_t K_e w R/(R^2 + (n w L)^2)
 
-The braking torque is largest at w = R/(n L). i_d is that of a constant speed also while w changes. R' is that of the
-speed at the start of a step, which is of first order in the tick while w changes: from rest under 100 N.m the default
-fin is off by 0.0012 deg with ticks of 1 ms, and by 0.005 deg in all.
+The braking torque is largest at w = R/(n L). i_d is that of a constant speed even while w changes. R' is that of the
+speed at the start of a step, an error of first order in the tick: from rest under 100 N.m the default fin is off by
+0.0012 deg with ticks of 1 ms, and by 0.005 deg in all.
 
 If one phase is open, the two others are in series: one winding of R and L, line to line, whose back-EMF is a sine of
 the rotor's angle,
 
     L di/dt = v - R i - s K_e w        T = s K_t i        s = sin n (theta - theta_0)
 
-The drive still requests the share of each phase, s i_ref in that winding. At a constant i_ref and a low speed the
+The drive still requests the reference of each phase, s i_ref in this winding. At a constant i_ref and a low speed the
 torque is s^2 times that of the whole motor: half of it in the mean, and 0 at 2 n angles in a turn. Simscape's block
-PMSM (Single-Phase) has the same equations of the winding.
+PMSM (Single-Phase) has the same equations for the winding.
 """
 
 from __future__ import annotations

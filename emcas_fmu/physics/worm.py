@@ -6,7 +6,7 @@
 
 with alpha in the normal section (Budynas & Nisbett, "Shigley's Mechanical Engineering Design", force analysis of worm
 gearing). If mu >= cos(alpha) tan(lambda), eta_b <= 0 and the worm locks: no load drives it. Friction falls with the
-speed v at which the flanks slide on each other at the worm's pitch diameter q m, where m is the module:
+sliding speed v of the flanks at the worm's pitch diameter q m, where m is the module:
 
     mu(v) = mu (1 + (s - 1) exp(-(v/v_s)^2))        v = |w| (q m/2)/cos(lambda)
 """
