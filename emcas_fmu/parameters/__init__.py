@@ -1,4 +1,4 @@
-"""Parameter sets: their files, the entries of a file, and checks of whole sets."""
+"""Parameter sets, their files, the entries of a file, and checks of whole sets."""
 
 from .checks import broken_rules, check_combinations, check_parameters, require_sound
 from .entries import IDENTIFIED, Entry, ParameterError, Value, as_text, file_entry

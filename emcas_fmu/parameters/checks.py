@@ -1,4 +1,4 @@
-"""Checks of a whole set of an actuator's values: names, limits, and rules for combinations."""
+"""Checks of all values of an actuator together: names, limits, and rules for combinations."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .entries import ParameterError
 
 
 def check_parameters(values: Mapping[str, Any], model: str = NONLINEAR) -> list[str]:
-    """Return messages about `values`, by name in SI: missing or unknown names, limits, broken rules.
+    """Return messages about missing or unknown names, limits and broken rules; `values` are by name, in SI units.
 
     Raises EmcasError for an unknown model.
     """
@@ -41,16 +41,16 @@ def require_sound(values: Mapping[str, Any], model: str = NONLINEAR) -> None:
 
 
 def check_combinations(values: Mapping[str, Any], actuator: Actuator, warnings: bool = False) -> list[str]:
-    """Return a message for each broken rule of the actuator; `values` must be within their limits.
-
-    With `warnings` these are the rules that only warn, otherwise those that refuse. Raises EmcasError if a rule in a
-    user's file fails.
-    """
+    """Return the messages of :func:`broken_rules`."""
     return list(broken_rules(values, actuator, warnings).values())
 
 
 def broken_rules(values: Mapping[str, Any], actuator: Actuator, warnings: bool = False) -> dict[Rule, str]:
-    """Return the broken rules with their messages, as `check_combinations` does."""
+    """Return the broken rules of the actuator with their messages; `values` must be within their limits.
+
+    With `warnings` these are the rules that only warn, otherwise those that refuse. Raises EmcasError if a rule in a
+    user's file fails.
+    """
     try:
         return messages(actuator.all_rules, actuator.namespace(values), warnings)
     except Exception as error:
@@ -60,13 +60,13 @@ def broken_rules(values: Mapping[str, Any], actuator: Actuator, warnings: bool =
 
 
 def messages(rules: Iterable[Rule], p: Any, warnings: bool) -> dict[Rule, str]:
-    """Return those of `rules` that nested parameters `p` break, with their messages; see `check_combinations`."""
+    """Return those of `rules` that the nested parameters `p` break, with their messages; see :func:`broken_rules`."""
     return {rule: message for rule in rules if rule.warning == warnings
             for message in check_rules([_bound(rule, p)], warnings)}
 
 
 def _bound(rule: Rule, p: Any) -> Check:
-    """Return a rule bound to parameters; a scanned rule is evaluated for all shares of the travel at once."""
+    """Return a rule bound to parameters; a scanned rule is evaluated at the share of the travel that breaks it most."""
     each = partial(rule.check, FLOATS, p), *rule[1:]
     if not rule.scanned:
         return each
@@ -74,7 +74,7 @@ def _bound(rule: Rule, p: Any) -> Check:
     try:
         with np.errstate(all="ignore"):  # shares where the result is not a number are left out
             broken = np.broadcast_to(rule.check(ARRAYS, p, shares)[0], shares.shape)
-    except Exception:  # a user's rule that cannot be traced; tracing reports that  # noqa: BLE001
+    except Exception:  # a user's rule that cannot be traced: tracing raises the error  # noqa: BLE001
         return each
     worst = SHARES[int(np.argmax(np.where(np.isnan(broken), -inf, broken)))]
     return lambda _: rule.check(FLOATS, p, worst), rule.message, False, rule.warning

@@ -21,14 +21,14 @@ IDENTIFIED = "identified"
 """Source of a value that was identified from measurements."""
 
 _FIELDS = ("value", "unit", "source", "note")
-# Relative distance from a limit within which a value is the limit: it may be written in another unit.
+# A value within this relative distance from a limit is set to the limit: another unit in the file may round it.
 _ROUNDING = 1e-12
-# Present names by former ones, for hints only.
+# Present names by former names, for hints only.
 _RENAMED = {f"friction.cold_{kind}_ratio": f"friction.table.{kind}" for kind in ("viscous", "coulomb")}
 
 
 class ParameterError(EmcasError, ValueError):
-    """Parameters cannot be used; each of `problems` is a message with file, key, value and remedy."""
+    """Parameters that cannot be used; each of `problems` is a message with file, key, value and remedy."""
 
     def __init__(self, problems: str | Iterable[str]) -> None:
         each = (problems,) if isinstance(problems, str) else problems
@@ -60,9 +60,9 @@ def _shipped() -> tuple[Variable, ...]:
 
 @cache
 def known_names(model: str) -> Known:
-    """Return the names that a user's file may use: those of all shipped actuators, and of `model`, with extensions.
+    """Return the names that a user's file may use: those of all shipped actuators and of `model`, with all extensions.
 
-    A name that the actuator declares has the actuator's meaning. Raises EmcasError for an unknown model.
+    If `model` declares a name, its declaration applies. Raises EmcasError for an unknown model.
     """
     extensions, plain = map(get_extension, EXTENSIONS), get(parts(model)[0])
     return Known((*_shipped(), *(v for each in extensions for v in each.parameters(plain)), *get(model).file_entries))
@@ -80,7 +80,7 @@ class Entry:
 
     `text` is the value as written, with its unit. `source` is ``thesis``, ``derived``, ``tuned`` or ``estimate`` in the
     default set, otherwise ``user``, ``identified`` or the user's word. `file` is the name of the file, empty for a
-    value set in a program. `default` is true for values of the default set.
+    value that a program sets. `default` is true in the default set.
     """
 
     variable: Variable
@@ -122,7 +122,10 @@ def read_entries(
 
 
 def _scalars(key: str, written: Any, known: Known) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield name and fields of the scalar that a key sets, or of each element of an array. Raises ValueError."""
+    """Yield name and fields of the scalar that a key sets, or of each element of an array.
+
+    Raises ValueError for an unknown name, a group, or an array of another length.
+    """
     fields = written if isinstance(written, Mapping) else {"value": written}
     if key in known.variables:
         yield key, fields
@@ -178,7 +181,7 @@ def _value(variable: Variable, fields: Mapping[str, Any]) -> Value:
 
 
 def in_variables_unit(name: str, value: object, model: str) -> object:
-    """Return a value that a program has passed in the variable's unit, as a parameter file would contain it."""
+    """Return a value in the variable's unit, passed by a program, as a parameter file would contain it."""
     if isinstance(value, (list, tuple)):
         return [in_variables_unit(f"{name}[{i}]", element, model) for i, element in enumerate(value)]
     if isinstance(value, bool) or not isinstance(value, Real):

@@ -1,4 +1,4 @@
-"""Records of measurements, which comments of a parameter file name."""
+"""Records of measurements that are named in comments of a parameter file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _RECORD = re.compile(r"^# Record (.+), SHA-256 ([0-9a-f]{64})(?:: (.*))?$", re.M
 class MeasuredRecord(NamedTuple):
     """A record from which values in the parameter file `file` were identified, or with which they were compared.
 
-    `use` says for which of these it was used, and the error of the simulation; empty if the comment does not say so.
+    `use` names this use and the error of the simulation; it is empty if the comment does not.
     """
 
     file: str

@@ -1,4 +1,4 @@
-"""TOML files as pydantic models; an error has a line `FILE: KEY = VALUE: reason` for each problem."""
+"""TOML files as pydantic models; the message of an error has a line `FILE: KEY = VALUE: reason` for each problem."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ class Table(BaseModel):
 
 
 def failure(problems: Iterable[tuple[Location, str, Any]]) -> ValidationError:
-    """Return an error with several problems, each with its keys below the table, the reason and the entry."""
+    """Return an error with `problems`: for each the keys that lead to it in the table, the reason and the entry."""
     return ValidationError.from_exception_data("table", [
         InitErrorDetails(type=PydanticCustomError("reason", reason), loc=location, input=written)
         for location, reason, written in problems])
 
 
 def further(problems: Sequence[Any]) -> list[str]:
-    """Return a list with the message about the problems that are not listed; empty if all are."""
+    """Return a list with a message about the problems beyond MOST_PROBLEMS; it is empty if there are none."""
     return [f"and {len(problems) - MOST_PROBLEMS} problems more"] if len(problems) > MOST_PROBLEMS else []
 
 
@@ -88,7 +88,7 @@ def parameter_of(name: str, variables: Mapping[str, Variable], remedy: str = "")
 
 
 def named(tables: Any) -> Iterator[tuple[str, Any]]:
-    """Yield name and table for each table of a list; the name is the value of its key `name`, or its index.
+    """Yield name and table for each table of a list; the name is the value of the key `name`, or ``[index]``.
 
     Raises ValueError if `tables` is not a list.
     """
@@ -112,7 +112,7 @@ def leaves(table: Mapping[str, Any], is_group: Callable[[str, Mapping[str, Any]]
 def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
     """Return the entries of a table, or of pairs of name and entry, each converted by `read(name, entry)`.
 
-    Raises ValidationError with the problems of all entries, each below its name; ValueError if it is not a table.
+    Raises ValidationError with the problems of all entries, each with the entry's name; ValueError if it is no table.
     """
     if isinstance(entries, Mapping):
         entries = entries.items()
@@ -141,7 +141,7 @@ def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
 def kind_of(written: Any, kinds: Iterable[str], key: str = "kind") -> str:
     """Return the kind of a table, the value of its `key`.
 
-    Raises ValueError if it has no such key, ValidationError for another kind than `kinds`.
+    Raises ValueError if the key is missing, ValidationError for a kind that is not in `kinds`.
     """
     known = list(kinds)
     if not isinstance(written, Mapping) or key not in written:
@@ -153,7 +153,7 @@ def kind_of(written: Any, kinds: Iterable[str], key: str = "kind") -> str:
 
 @dataclass(frozen=True)
 class In:
-    """Format of a quantity: its unit and, in that unit, its limits and the `base` to which a percentage refers.
+    """Format of a quantity: its unit and, in this unit, its limits and the `base` to which a percentage refers.
 
     `Annotated[float, In("rad")]` declares a field with this format. `type` is Real, Integer or Boolean.
     """
@@ -167,7 +167,7 @@ class In:
     def number(self, written: Any, unit: str = "") -> Any:
         """Return the value of an entry in this format's unit, without checking limits. Raises ValueError.
 
-        `unit` is that of the entry if it is not part of its text.
+        `unit` is the unit of the entry if its text contains none.
         """
         if self.type == "Boolean":
             if not isinstance(written, bool):
@@ -189,7 +189,7 @@ class In:
         return value
 
     def limited(self, written: Any) -> Any:
-        """Return the value of an entry in this format's unit. Raises ValueError, also if it is outside the limits."""
+        """Return the value of an entry in this format's unit. Raises ValueError, also beyond the limits."""
         value = self.number(written)
         if not self.minimum <= value <= self.maximum:
             raise ValueError(f"must be {self.limits}")
@@ -237,12 +237,12 @@ _KINDS = {"tunables": "a tuning study; run it with `emcas tune FILE`",
 
 
 def misplaced(contents: Mapping[str, Any], expected: str = "") -> str:
-    """Return the kind of a file, in words, unless it is the kind with the `expected` table; otherwise ""."""
+    """Return the kind of a file in words if it is another kind than that with the `expected` table; otherwise ""."""
     return next((f"is {kind}" for key, kind in _KINDS.items() if key in contents and key != expected), "")
 
 
 def _check_contents(contents: Mapping[str, Any]) -> None:
-    """Raise ValueError for tables that are nested too deeply, and for a whole number too long for a message."""
+    """Raise ValueError for tables or lists that are nested too deeply, and for a whole number of too many bits."""
     nodes: list[tuple[Any, int]] = [(contents, 0)]
     while nodes:
         node, depth = nodes.pop()
@@ -255,7 +255,7 @@ def _check_contents(contents: Mapping[str, Any]) -> None:
 
 
 def read(model: type[M], written: Mapping[str, Any], path: Path, error: type[EmcasError], context: Any = None) -> M:
-    """Return a file's contents as `model`, validated with `context`. Raises `error` with a line for each problem."""
+    """Return a file's contents as a `model`, validated with `context`. Raises `error` with a line for each problem."""
     try:
         return model.model_validate(written, context=context)
     except ValidationError as caught:
@@ -263,7 +263,7 @@ def read(model: type[M], written: Mapping[str, Any], path: Path, error: type[Emc
 
 
 def load(model: type[M], path: Path, error: type[EmcasError], context: Any = None) -> M:
-    """Return the contents of a TOML file as `model`; see `read`."""
+    """Return the contents of a TOML file as a `model`, as :func:`read` does."""
     return read(model, document(path, error)[1], path, error, context)
 
 

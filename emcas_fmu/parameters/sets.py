@@ -44,14 +44,14 @@ from .entries import (
 )
 from .measured import MeasuredRecord, measured_records
 
-# Largest ratio of constants that should be equal. Measured constants differ less, by saturation and iron losses; a
+# Largest ratio of constants that should be equal. Saturation and iron losses make measured constants differ by less; a
 # mistake (rms for peak, phase for line to line) is 22 % or more.
 _APART = 1.2
 
 MADE_FOR = "made_for"
-"""Key in a parameter file of the list of actuators or +extensions for which the file's values are meant."""
+"""Key of a parameter file: the list of actuators or +extensions for which the file's values are meant."""
 EXTENDS = "extends"
-"""Key in a parameter file of the list of +extensions that the file adds to the actuator."""
+"""Key of a parameter file: the list of +extensions that the file adds to the actuator."""
 
 
 @checked
@@ -60,8 +60,7 @@ class ParameterSet:
     """A complete, checked set of an actuator's parameters.
 
     `entries` are in the actuator's order. `unused` are names in a user's file that only other actuators have. `files`
-    contains name, as passed, and SHA-256 of each file loaded over the defaults. `records` are the records that files
-    name.
+    are name, as passed, and SHA-256 of each file loaded over the defaults. `records` are those that the files name.
     """
 
     entries: tuple[Entry, ...]
@@ -91,21 +90,18 @@ class ParameterSet:
 
     @property
     def measured(self) -> tuple[MeasuredRecord, ...]:
-        """The records in those files of which the set still has an identified value."""
+        """The records of the files from which the set still has an identified value."""
         files = {e.file for e in self.entries if e.source == IDENTIFIED}
         return tuple(dict.fromkeys(record for record in self.records if record.file in files))
 
     def estimates_in(self, names: Collection[str]) -> tuple[str, ...]:
-        """Return the parameters that are engineering estimates and whose names begin with one of `names`.
-
-        A group such as ``heat.`` is therefore a name, too.
-        """
+        """Return the engineering estimates whose names begin with one of `names`, which may be groups as ``heat.``."""
         prefixes = tuple(names)
         return tuple(name for name in self.estimates if name.startswith(prefixes))
 
     @property
     def estimated_outputs(self) -> Mapping[str, tuple[str, ...]]:
-        """For each output that an extension adds, the names of the estimates from which it is computed, if any."""
+        """The names of the estimates from which outputs of extensions are computed, by output; others are left out."""
         estimates = {output: self.estimates_in(names) for output, names in extension_inputs(self.model).items()}
         return {output: names for output, names in estimates.items() if names}
 
@@ -134,15 +130,15 @@ class ParameterSet:
         """Return a new checked set with some values replaced.
 
         Numbers are in the variables' units; text contains its unit ("50 mm"). An array may be replaced as a whole.
-        A parameter that should be equal to a replaced one does not follow, as it would in a file. Raises ParameterError
-        with all problems.
+        Unlike in a file, a parameter that should be equal to a replaced one keeps its value. Raises ParameterError with
+        all problems.
         """
         values = {**(overrides or {}), **more}
         document = {name: in_variables_unit(name, value, self.model) for name, value in values.items()}
         return _overridden(self, document, "replaced value", "")
 
     def having(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return those of `values`, by name, whose parameters this actuator has."""
+        """Return the items of `values`, by name, that are parameters of this actuator."""
         names = {e.variable.name for e in self.entries}
         return {name: value for name, value in values.items() if name in names}
 
@@ -152,10 +148,7 @@ class ParameterSet:
 
 
 def shipped_file(kind: str, model: str) -> Path:
-    """Return the path of the shipped file models/KIND/NAME.toml, NAME with or without extensions, or models/KIND.toml.
-
-    The first that exists in this order.
-    """
+    """Return the path of models/KIND/NAME.toml, NAME being `model` or else its actuator; or else models/KIND.toml."""
     named = (models_directory() / kind / f"{name}.toml" for name in (model, parts(model)[0]))
     return next((path for path in named if path.is_file()), models_directory() / f"{kind}.toml")
 
@@ -164,7 +157,7 @@ def shipped_file(kind: str, model: str) -> Path:
 def parameter_file(name: Path | str, folder: Path = Path()) -> Path:
     """Return the path of a parameter file, relative to a folder, or of a shipped set by its name.
 
-    Raises ParameterError for a name without ending that is neither a file nor a set.
+    Raises ParameterError for a name without a suffix that is neither a file nor a set.
     """
     path, sets = folder / name, named_sets()
     if path.is_file() or Path(name).name != str(name) or path.suffix:
@@ -180,11 +173,11 @@ def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base
                     model: str = NONLINEAR) -> ParameterSet:
     """Return the default set of an actuator, or `base`, overridden by `files`: one file, or several in their order.
 
-    A file may be the name of a shipped set (see `parameter_file`), whose values for an actuator may be in
+    A file may be the name of a shipped set (see `parameter_file`); its values for an actuator may be in
     ``models/sets/NAME/ACTUATOR.toml``. The set must be sound after each file. The defaults come from
-    ``models/emcas.toml``, as far as the actuator has these parameters, then from the files of the actuator and of its
-    extensions. Two parameters may be equal in SI units, such as torque and back-EMF constant; if a file sets only one
-    of them, the other follows.
+    ``models/emcas.toml``, as far as the actuator has these parameters, then from the files of the actuator and its
+    extensions. Some parameters, such as torque and back-EMF constant, are equal in SI units: if a file sets only one of
+    them, the other follows.
 
     Raises ParameterError with all problems of a file, FileNotFoundError if the default set is missing.
     """
@@ -210,7 +203,7 @@ def _is_shipped_set(path: Path) -> bool:
 
 
 def _names(document: dict[str, Any], key: str, path: Path) -> tuple[str, ...]:
-    """Remove the list at `key`, of names of actuators or +extensions, from a document, and return it; () without it."""
+    """Remove the names of actuators or +extensions at `key` from a document, and return them; () without the key."""
     names = document.pop(key, ())
     if names != () and not (names and isinstance(names, list) and all(isinstance(each, str) for each in names)):
         raise ParameterError(f"{path}: {key} = {names!r}: write a list of names of actuators, or of "
@@ -219,7 +212,7 @@ def _names(document: dict[str, Any], key: str, path: Path) -> tuple[str, ...]:
 
 
 def _extended(base: ParameterSet, extensions: tuple[str, ...], path: Path) -> ParameterSet:
-    """Return the set of the actuator with these +extensions, with the values of `base` instead of defaults."""
+    """Return the set of the actuator of `base` with these +extensions; the values of `base` replace defaults."""
     actuator, present = parts(base.model)
     if not (added := [each.removeprefix("+") for each in extensions if each.removeprefix("+") not in present]):
         return base
@@ -233,7 +226,7 @@ def _extended(base: ParameterSet, extensions: tuple[str, ...], path: Path) -> Pa
 
 
 def _require_made_for(made_for: tuple[str, ...], path: Path, model: str, added: tuple[str, ...]) -> None:
-    """Raise ParameterError if a file is made for actuators or +extensions that the shipped `model` does not have.
+    """Raise ParameterError if a file is made for actuators or +extensions, but for none of the shipped `model`.
 
     `added` are the extensions that the file adds. A user's actuator may use any file.
     """
@@ -269,8 +262,8 @@ def _read_defaults(model: str, files: tuple[Path, ...], contents: tuple[bytes, .
 
     entries = read(_document(shipped), shipped)
     if not is_shipped(model):
-        # Motor and fin of a user's actuator are not those of the thesis: only limits, mounting and sampling of the fin
-        # port apply.
+        # Motor and fin of a user's actuator are not those of the thesis: only the fin port's limits, mounting and
+        # sampling apply.
         none = {v.name: 0.0 for v in fin_port.TURNING if v.minimum <= 0.0}
         entries = {v.name: entries[v.name] for v in fin_port.PARAMETERS if v not in fin_port.TURNING} | read(
             {name: in_variables_unit(name, value, model) for name, value in none.items()}, source, "derived")
@@ -294,7 +287,7 @@ def _read_defaults(model: str, files: tuple[Path, ...], contents: tuple[bytes, .
 
 
 def are_defaults(parameters: ParameterSet) -> bool:
-    """Return whether a set has the values of the nonlinear actuator's default set; sources and files do not matter."""
+    """Return whether the values of a set are those of the nonlinear actuator's default set."""
     return parameters.model == NONLINEAR and dict(parameters.values) == dict(load_parameters().values)
 
 
@@ -309,7 +302,7 @@ def _document(path: Path) -> dict[str, Any]:
 def _overridden(base: ParameterSet, document: Mapping[str, Any], label: str, file: str) -> ParameterSet:
     """Return `base` with the entries of a document; the whole set is checked if each entry is valid.
 
-    A user's file may contain parameters of other actuators, a program may not. Raises ParameterError.
+    A file may contain parameters of other actuators; values from a program (`file` "") may not. Raises ParameterError.
     """
     known = (known_names if file else declared_names)(base.model)
     entries, problems = read_entries(document, label, file, "user", known)
@@ -332,7 +325,7 @@ def _checked(entries: tuple[Entry, ...], model: str, label: str) -> ParameterSet
 
 
 def _follow(entries: dict[str, Entry], problems: list[str], label: str, base: ParameterSet) -> None:
-    """Add one of two equal parameters to a file's entries if this file and those before it set only the other."""
+    """Add one of two equal parameters to a file's entries if this file and the files before set only the other one."""
     variables = {v.name: v for v in base.actuator.parameters}
     present = {e.variable.name: e for e in base.entries}
     shipped = {e.variable.name: e for e in _defaults(base.model).entries}
@@ -364,8 +357,8 @@ def _apart(one: Entry, other: Entry) -> str:
 def write_parameters(parameters: ParameterSet, path: Path, comments: Iterable[str]) -> None:
     """Write a parameter file: `comments`, then all values that differ from the model's default set.
 
-    Comments also name the records of identified values. Values are in the variables' units, with source and note. The
-    set is the same if it is loaded from the file. Raises EmcasError if the file cannot be written.
+    More comments name the records of identified values. Values are in the variables' units, with source and note.
+    Loading the file gives the same set. Raises EmcasError if the file cannot be written.
     """
     shipped = {e.variable.name: e for e in load_parameters(model=parameters.model).entries}
     lines = [*(f"# {comment}" for comment in (*comments, *(r.comment for r in parameters.measured))), ""]
@@ -380,7 +373,7 @@ def write_parameters(parameters: ParameterSet, path: Path, comments: Iterable[st
 
 
 def _entry_line(key: str, entries: Sequence[Entry]) -> str:
-    """Return the line of one value, or of a whole array whose elements have one source and note."""
+    """Return the line of one value, or of a whole array whose elements have the same source and note."""
     first, values = entries[0], [e.value for e in entries]
     unit = {} if first.variable.kind == "Boolean" else {"unit": first.variable.unit}
     texts = {name: text for name, text in (("source", first.source), ("note", first.note)) if text}

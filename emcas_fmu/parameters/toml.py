@@ -1,4 +1,4 @@
-"""TOML: the standard library's reader or, for Python 3.10, its backport, and functions that return lines to write."""
+"""TOML: the standard library's reader (in Python 3.10 its backport), and functions that return lines to write."""
 
 import json
 import re
@@ -22,7 +22,7 @@ def value(written: Any) -> str:
         return f"{{ {', '.join(entry(*each) for each in written.items())} }}"
     if isinstance(written, (list, tuple)):
         return f"[{', '.join(map(value, written))}]"
-    if isinstance(written, str):  # as in JSON, where DEL may stay; half a surrogate pair is in no file in UTF-8
+    if isinstance(written, str):  # as in JSON, but with DEL escaped; UTF-8 has no half surrogate pairs
         text = json.dumps(written.encode(errors="replace").decode(), ensure_ascii=False)
         return text.replace("\x7f", "\\u007f")
     return json.dumps(written)

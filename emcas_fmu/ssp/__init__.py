@@ -1,5 +1,5 @@
 """Several fins as a system: an SSP 1.0 archive, written and checked.
 
-`write` builds an archive from `variants` (each fin's parameters), an FMU and templates. `structure` reads archives of
-that form, `check` checks them.
+`write` builds an archive from an FMU, templates and each fin's parameters (`variants`). `structure` reads archives of
+this form, `check` checks them.
 """

@@ -19,10 +19,10 @@ _BASE = "http://ssp-standard.org/SSP1/SystemStructure"
 SSD, SSC, SSV = f"{_BASE}Description", f"{_BASE}Common", f"{_BASE}ParameterValues"
 NAMESPACES = {"ssd": SSD, "ssc": SSC, "ssv": SSV, "osp": "http://opensimulationplatform.com/SSP/OSPAnnotations",
               "oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
-              "emcas": "urn:emcas-fmu:ssp"}  # emcas: of the annotation that records an FMU's GUID
-ANNOTATION = "emcas-fmu"  # the type of this annotation
+              "emcas": "urn:emcas-fmu:ssp"}
+ANNOTATION = "emcas-fmu"  # the type of the annotation, in the namespace emcas, that records an FMU's GUID
 DEFAULT = "SystemStructure.ssd"  # the structure that a host opens by default
-NOMINAL = "nominal"  # the name of this structure
+NOMINAL = "nominal"  # the name of the default structure
 FMU = "application/x-fmu-sharedlibrary"  # the type of a component
 
 
@@ -31,8 +31,8 @@ class SspError(EmcasError):
 
 
 def parse(content: bytes, name: str) -> Any:
-    """Return the root element of an XML document. Raises SspError naming the file and the line."""
-    # Nothing outside the archive is read, whatever the document refers to.
+    """Return the root element of an XML document. Raises SspError with the document's `name` and the line."""
+    # The parser reads nothing outside the document, whatever it refers to.
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True,
                              remove_pis=True)
     try:
@@ -45,7 +45,7 @@ def parse(content: bytes, name: str) -> Any:
 
 
 def render(template: str, **context: Any) -> bytes:
-    """Return a document, made from a template in this folder and indented; the same context gives the same bytes."""
+    """Return an indented document from a template in this folder; the same context gives the same bytes."""
     root = parse(page(f"ssp/{template}", namespaces=NAMESPACES, **context).encode(), template)
     etree.indent(root)
     document: bytes = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
@@ -59,13 +59,13 @@ def _schema(namespace: str) -> Any:
 
 
 def violations(root: Any, namespace: str) -> list[str]:
-    """Return violations of the schema of a namespace (SSD or SSV); empty if the document is valid."""
+    """Return the document's violations of the schema of a namespace, SSD or SSV; empty if it is valid."""
     schema = _schema(namespace)
     return [] if schema.validate(root) else [f"line {entry.line}: {entry.message}" for entry in schema.error_log]
 
 
 def read_archive(path: Path) -> dict[str, bytes]:
-    """Return the files of an SSP by name. Raises SspError if it is not a readable and sound archive."""
+    """Return the files of an SSP by name. Raises SspError if it is no archive, or fails a check of `reading`."""
     with reading(path, str(path), "an SSP", SspError) as archive:
         return {name: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
 
@@ -76,5 +76,5 @@ def write_archive(contents: Mapping[str, bytes], target: Path) -> None:
 
 
 def structure_files(names: Iterable[str]) -> list[str]:
-    """Return the system structures at the root of an SSP, the default one first; the others are variants."""
+    """Return the names of the system structures at the root of an SSP, the default one first, then the variants."""
     return sorted((n for n in names if "/" not in n and n.endswith(".ssd")), key=lambda name: (name != DEFAULT, name))

@@ -1,4 +1,4 @@
-"""Check of an archive: schema, wiring, units, parameters, and the FMU for which it was written."""
+"""Check of an archive: schemas, wiring, units, parameters, and the FMU for which it was written."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ class Report:
 
 
 def check(path: Path, guid: str | None = None, fmu: Path | None = None, model: str | None = None) -> Report:
-    """Return the report of a check of every structure of an archive against the FMUs in it.
+    """Check every structure of an archive against the FMUs in it, and return the report with all problems.
 
-    With a `guid`, or that of `fmu`, the actuators in the archive must have this GUID. `model` is the kind of actuator
-    in FMUs whose model name does not contain it. All problems of the archive are in the report. Raises EmcasError if a
-    file cannot be opened, SspError if `fmu` is not an FMU.
+    The actuators in the archive must have the `guid`, or the GUID of `fmu`, if either is passed. `model` is the kind of
+    actuator in FMUs whose model name does not contain it. Raises EmcasError if a file cannot be opened, SspError if
+    `fmu` is not an FMU.
     """
     if fmu is not None:
         guid = read_interface(fmu, str(fmu)).guid
@@ -66,7 +66,7 @@ def check(path: Path, guid: str | None = None, fmu: Path | None = None, model: s
         findings.append(Finding("error", path.name, "", f"has no {DEFAULT} at its root", "add one: hosts open it"))
     for structure in structures:
         new = [*_guids(structure, guid), *_wiring(structure), *_declarations(structure)]
-        # Combinations are checked only if their single values are right.
+        # Combinations are checked only if there is no other error.
         findings += new if any(f.level == "error" for f in new) else [*new, *_combinations(structure, model)]
     checked = {structure.file: structure.name for structure in structures}
     return Report(path, tuple(dict.fromkeys(findings)), tuple(checked.values()),
@@ -75,7 +75,7 @@ def check(path: Path, guid: str | None = None, fmu: Path | None = None, model: s
 
 
 def _guids(structure: Structure, required: str | None) -> Iterator[Finding]:
-    """Compare the GUIDs of FMUs with those for which the structure was written, and with the required one."""
+    """Yield an error for each FMU whose GUID differs from that recorded in the structure, or from the required one."""
     for name, fmu in structure.fmus.items():
         source, written = structure.sources[name], structure.guids.get(structure.sources[name], "")
         # FMUs of other makers need not have the required GUID.
@@ -87,9 +87,9 @@ def _guids(structure: Structure, required: str | None) -> Iterator[Finding]:
 
 
 def _wiring(structure: Structure) -> Iterator[Finding]:
-    """Check each connection: from an output to an input without another connection, both with the same type and unit.
+    """Yield findings about connections and about inputs and outputs without a connection.
 
-    Warn of inputs and outputs without a connection.
+    A connection is right from an output to an input without another connection, both with the same type and unit.
     """
     variables = structure.variables
     signals = {**structure.connectors, **variables}
@@ -102,7 +102,7 @@ def _wiring(structure: Structure) -> Iterator[Finding]:
                               "declare it in the Connectors of its component" if each in variables else nearest(
                                   label(each), map(label, structure.connectors), "remove the connection"))
             continue
-        # Inside the system, its inputs are sources.
+        # For its components the system's inputs are sources.
         sources = [(signals[each].kind in _SOURCES) is bool(each[0]) for each in connection]
         sink = connection[sources[0]]
         if sources[0] == sources[1]:
@@ -126,10 +126,10 @@ def _wiring(structure: Structure) -> Iterator[Finding]:
 
 
 def _declarations(structure: Structure) -> Iterator[Finding]:
-    """Compare connectors of components, and parameters of sets, with the variables of the FMUs."""
+    """Yield an error for each connector or parameter that differs from the FMU's variable, or is beyond its limits."""
     variables = structure.variables
     ends = [(near, far) for start, end in reversed(structure.connections) for near, far in ((start, end), (end, start))]
-    # A connector of the system has the limits of the first variable that it is wired to.
+    # A connector of the system has the limits of the first variable to which it is wired.
     variables |= {near: variables[far] for near, far in ends if not near[0] and far in variables}
     claims = [(structure.file, f"connector {label(end)}", end, connector)
               for end, connector in structure.connectors.items() if end[0]]
@@ -155,9 +155,9 @@ def _declarations(structure: Structure) -> Iterator[Finding]:
 
 
 def _combinations(structure: Structure, default: str | None) -> Iterator[Finding]:
-    """Check for combinations of parameters that an actuator of this package refuses at initialization.
+    """Yield an error for each combination of parameters that an actuator of this package refuses at initialization.
 
-    An FMU whose model name does not contain a kind of actuator is of the kind `default`.
+    `default` is the kind of actuator in FMUs whose model name does not contain it.
     """
     parameters = structure.values
     for name, fmu in structure.fmus.items():

@@ -1,7 +1,7 @@
-"""System structures of an archive, with the parameter sets bound in them.
+"""System structures of an archive, with their parameter sets.
 
-Systems of FMUs with their parameter sets in files are read, as this package writes them. A structure that is not valid,
-or of another form that SSP allows, is not read; findings give the reason.
+The form that this package writes is read: FMUs in one system, with their parameter sets in files. A structure that is
+not valid, or has another form that SSP allows, is not read; findings give the reason.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ End = tuple[str, str]  # component (empty: the system itself), and connector, va
 
 _COMPONENT, _BINDING = f"{{{SSD}}}Component", f"{{{SSD}}}ParameterBinding"
 _CORRECT = "correct the file, or write a new archive"
-# Level, XPath of the nodes, problem and remedy. Nodes with an error are of a form that is not read.
+# Level, XPath of the nodes, problem and remedy.
 _RULES: tuple[tuple[Literal["error", "warning"], str, str, str], ...] = (
     ("error", f"//ssd:Elements/*[not(self::ssd:Component) or @type != '{FMU}']"
      " | //ssd:ParameterBinding[string(@prefix) or not(@source) or ssd:ParameterValues or ssd:ParameterMapping]"
@@ -51,9 +51,9 @@ _RULES: tuple[tuple[Literal["error", "warning"], str, str, str], ...] = (
 
 @dataclass(frozen=True)
 class Finding:
-    """A problem of an archive: its file, the connection or parameter (`place`), the message and the remedy.
+    """A problem of an archive: file, location (`place`, such as a connection or parameter), message and remedy.
 
-    Errors make hosts fail or compute something else; warnings are allowed and may be intended.
+    With an error hosts fail or compute something else. A warning is about what SSP allows, and may be intended.
     """
 
     level: Literal["error", "warning"]
@@ -70,8 +70,8 @@ class Finding:
 class Signal:
     """A variable of an FMU, a connector, or a parameter of a set.
 
-    `kind` is the causality or the kind of connector, empty for a parameter of a set. A connector without type or unit
-    has those of the FMU. `value` is the start value of a variable, or the value of a parameter.
+    `kind` is the causality or the kind of connector, empty for a parameter of a set. A connector with an empty type or
+    unit has that of the FMU's variable. `value` is the start value of a variable, or the value of a parameter.
     """
 
     name: str
@@ -84,7 +84,7 @@ class Signal:
     settable: bool = True
 
     def mismatch(self, other: Signal, label: str) -> tuple[str, str] | None:
-        """Return the difference of type or unit from another signal, called `label`, and the remedy; None if equal."""
+        """Return the difference in type or unit from another signal, called `label`, and the remedy; None if equal."""
         if self.type and other.type and self.type != other.type:
             return f"is {self.type}, but {label} is {other.type}", f"make it {other.type}"
         if self.unit == other.unit or not self.unit or not other.unit:
@@ -114,9 +114,8 @@ class Interface:
 class Structure:
     """A system structure: its file in the archive, name, components with their FMUs, connections and parameters.
 
-    `sources` are the paths of the components' FMUs, `guids` the GUIDs recorded in the structure by path, `sets` the
-    names of the components' parameter sets. `parameters` are listed with their files; a later one overrides an earlier
-    one.
+    `sources` are the paths of the FMUs by component, `guids` the recorded GUIDs by path, `sets` pairs of component and
+    name of a parameter set. `parameters` are listed with their files; a later parameter overrides an earlier one.
     """
 
     file: str
@@ -142,7 +141,7 @@ class Structure:
 
 
 def read_variant(ssp: Path, name: str) -> Structure:
-    """Return the structure of a variant. Raises SspError if the archive has none, or an error in any document."""
+    """Return the structure of a variant. Raises SspError if the archive has no such variant, or any error."""
     structures, findings = read_structures(archive.read_archive(ssp))
     for error in (f for f in findings if f.level == "error"):
         raise SspError(f"{ssp}: {error}; see emcas ssp check")
@@ -231,7 +230,7 @@ def _path(node: Any) -> str:
 
 
 def _name(node: Any) -> str:
-    """Return the name of a node in messages: tag, component if it is in one, and its name or a connection's ends."""
+    """Return the name of a node in messages: tag, component (if any), and the node's name or a connection's ends."""
     names = node.xpath("(ancestor::ssd:Component | .)/@name", namespaces=NAMESPACES)
     name = label(*_connection(node)) if node.get("startConnector") else ".".join(names)
     return f"{re.sub('(?<=[a-z])(?=[A-Z])', ' ', node.tag.rpartition('}')[2]).lower()} {name}".strip()
@@ -252,9 +251,9 @@ def _signal(node: Any) -> Signal:
 
 
 def read_interface(source: Path | bytes, name: str) -> Interface:
-    """Return the interface of an FMU of FMI 2.0; `source` is its file or the contents, `name` its name in messages.
+    """Return the interface of an FMU of FMI 2.0; `source` is its file or contents, `name` its name in messages.
 
-    Raises SspError if it is not such an FMU; EmcasError if it cannot be opened.
+    Raises SspError if it is not an FMU of FMI 2.0, EmcasError if it cannot be opened.
     """
     with reading(source, name, "an FMU", SspError):
         pass

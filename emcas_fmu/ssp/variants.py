@@ -14,13 +14,13 @@ from ..parameters.schema import In, document, leaves
 from ..support.files import models_directory
 from .archive import DEFAULT, NOMINAL, SspError
 
-SHIPPED = ("cold", "degraded")  # variants with a file in the folder models
+SHIPPED = ("cold", "degraded")  # variants whose files are in the folder `models`
 EVERY_FIN = "every_fin"
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A system with a name, and the parameter set of each fin."""
+    """A variant of the system: its name, and the parameter set of each fin."""
 
     name: str
     fins: tuple[ParameterSet, ...]
@@ -32,7 +32,7 @@ class Variant:
 
 
 def variant_files(arguments: Sequence[str]) -> dict[str, Path]:
-    """Return the files of shipped variants, and of arguments ``NAME=FILE``, which may replace a shipped one, by name.
+    """Return the files of variants by name: of shipped ones, and of arguments ``NAME=FILE``, which may replace these.
 
     Raises SspError for an argument of another form.
     """
@@ -48,10 +48,10 @@ def variant_files(arguments: Sequence[str]) -> dict[str, Path]:
 
 
 def derived(files: Mapping[str, Path], origin: Variant) -> tuple[list[Variant], list[str]]:
-    """Return variants of the system `origin` by files such as models/cold.toml, and the reasons for those left out.
+    """Return variants of the system `origin`, from files such as models/cold.toml, and messages about those left out.
 
-    A shipped variant is left out if the actuator lacks one of its parameters. Raises SspError or ParameterError for a
-    file's problems.
+    A shipped variant is left out if the actuator lacks one of its parameters. Raises SspError or ParameterError for
+    problems of a file.
     """
     variants, left_out = [], []
     for name, file in files.items():
@@ -74,7 +74,7 @@ def derived(files: Mapping[str, Path], origin: Variant) -> tuple[list[Variant], 
 
 
 def _changed(base: ParameterSet, entries: Mapping[str, Any], where: str) -> ParameterSet:
-    """Return `base` with changed entries; percentages refer to its values. Raises ParameterError naming `where`."""
+    """Return `base` with changed entries; percentages refer to its values. Raises ParameterError, with `where`."""
     units = {e.variable.name: e.variable.unit for e in base.entries}
     changes = dict(entries)
     for name, entry in entries.items():

@@ -1,8 +1,8 @@
 """An SSP archive from an FMU and parameters; the same inputs give the same bytes.
 
 By default the system has only components, each with the same FMU: libcosim and Ecos refuse a structure in which a
-connector of the system itself is wired. Another prefix than ``ssd:`` would hide the connections from both, but
-OMSimulator refuses that. fmpy's simulate_ssp needs the connections.
+connector of the system itself is wired. They would ignore connections with another prefix than ``ssd:``, which
+OMSimulator refuses. fmpy's simulate_ssp needs the system's connectors, which `border` adds.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _DELAY = "drive.transport_delay"
 
 @dataclass(frozen=True)
 class Written:
-    """A written archive: file, GUIDs of its FMUs, reasons for variants left out, parameter warnings, and its check."""
+    """A written archive: file, GUIDs of its FMUs, messages about variants left out, parameter warnings, its check."""
 
     path: Path
     guid: str
@@ -54,7 +54,7 @@ class Component(NamedTuple):
     variables: Mapping[str, Variable]
 
     def reads(self, name: str) -> bool:
-        """Return whether it has an input with this name."""
+        """Return whether the component has an input with this name."""
         return name in self.variables and self.variables[name].causality == "input"
 
 
@@ -64,17 +64,20 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
               model: str | None = None, progress: Progress | None = None, halves: bool = False) -> Written:
     """Write the archive of a system of `fins` actuators to `output`, whole or not at all, and return it with its check.
 
-    Without an `fmu`, the native FMU of the `model` (:mod:`emcas_fmu.actuators`) and the parameters is built. The fins'
-    parameters are those of the files `parameters`, otherwise the FMU's start values. `fin_files` and `variant_files`
-    are parameter files by number of the fin, from 1, and by name of the variant. With a `border` the fins are wired to
-    connectors of the system. With `halves` each fin is two components, its controllers and its plant, which are built
-    and wired. A signal between components takes a step, by which the plant's drive delay is shortened: the trajectory
-    is that of the whole actuator if the delay is a step or more. Raises EmcasError for invalid arguments and files;
-    SspError if the archive does not pass its check.
+    Without an `fmu`, the native FMU of the `model` (:mod:`emcas_fmu.actuators`) is built with the parameters. The fins'
+    parameters are those of the files `parameters`, otherwise the FMU's start values. `fin_files` are parameter files by
+    number of the fin, from 1; `variant_files` are files by name of the variant. With a `border` the fins are wired to
+    connectors of the system.
+
+    With `halves` each fin is two components, its controllers and its plant, which are built and wired. A signal between
+    components takes a step, by which the plant's drive delay is shortened: the trajectory is that of the whole actuator
+    if the delay is a step or more.
+
+    Raises EmcasError for invalid arguments and files, SspError if the archive does not pass its check.
     """
     check_target(output, ".ssp", SspError)
     if fmu is not None and halves:
-        raise SspError(f"{fmu}: halves are two FMUs, which are built: leave out the FMU or halves")
+        raise SspError(f"{fmu}: halves are built as two FMUs: leave out the FMU or halves")
     if fmu is not None:
         interface, content = read_interface(fmu, str(fmu)), fmu.read_bytes()
         model = chosen_model(str(fmu), interface.model, None if model is None else full_name(model), SspError)
@@ -87,7 +90,7 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
     variants = [nominal, *others]
     kinds = {part: FmuInterface(1, with_extension(base.model, part)) for part in HALVES} if halves else {
         "": FmuInterface(1, base.model)}
-    if fmu is None:  # compiling takes longest, so all mistakes are reported before
+    if fmu is None:  # compiling takes longest, so mistakes in the arguments are reported before
         with TemporaryDirectory() as folder:
             files = {part: build(base, Path(folder) / "EMCAS.fmu", "native", progress=progress, part=part or None
                                  ).path.read_bytes() for part in kinds}
@@ -140,12 +143,12 @@ def _too_late(fin: ParameterSet) -> str:
 
 
 def _plant(fin: ParameterSet) -> ParameterSet:
-    """Return the parameters of the plant alone: the drive's delay is a step shorter, if it is a step or more."""
+    """Return the parameters of the plant alone: the drive's delay is a step shorter if it was a step or more."""
     return fin if _too_late(fin) else fin.with_values({_DELAY: max(float(fin.values[_DELAY]) - STEP_SIZE, 0.0)})
 
 
 def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:
-    """Return the FMU's start values by entry of the parameter file.
+    """Return the FMU's start values by name in a parameter file.
 
     Raises SspError if the FMU is not an actuator of this model.
     """
@@ -161,7 +164,7 @@ def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:
 
 
 def _units(variables: Iterable[Variable]) -> dict[str, Unit]:
-    """Return the units of variables by name."""
+    """Return the units of real variables, by the units' names."""
     return {name: fmi_unit(name) for name in sorted({v.unit for v in variables if v.kind == "Real"})}
 
 
@@ -169,9 +172,10 @@ def _parameter_sets(variant: Variant, components: Sequence[Component],
                     wires: Sequence[tuple[str, Component, Variable]]) -> dict[str, dict[str, Entry]]:
     """Return the parameter sets of a variant: for each component one with all parameters and start values of inputs.
 
-    No set is split: libcosim and Ecos do not combine sets, and OMSimulator ignores prefixes. A Boolean with the FMU's
-    start value is left out, as fmpy reads every Boolean of a set as true. With `wires` (connector of the system,
-    component and variable) the set ``system`` has the start values of the system's inputs; a host sets the others to 0.
+    Each component has one set: libcosim and Ecos do not combine sets, and OMSimulator ignores prefixes. A Boolean with
+    the FMU's start value is left out, since fmpy reads every Boolean of a set as true. With `wires` (connector of the
+    system, component and variable) the set ``system`` has the start values of the system's inputs; a host sets inputs
+    without a start value to 0.
     """
     inputs = {v.key: v for v in get(variant.fins[0].model).inputs if v.key is not None}
     fins = dict(zip(variant.names, variant.fins))

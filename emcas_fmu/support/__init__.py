@@ -1,1 +1,1 @@
-"""Functions for every part of the package, not about actuators: files, progress, arguments, optional packages."""
+"""Functions for every part of the package that do not concern actuators: files, progress, arguments, extras."""

@@ -1,4 +1,4 @@
-"""Reading of ZIP archives from unknown sources, FMUs and SSPs: names, sizes and compression are checked first."""
+"""Reading of FMUs and SSPs from unknown sources: names, sizes and compression in the ZIP archive are checked first."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from pathlib import Path
 
 from ..errors import EmcasError, unreadable
 
-# Limits of an archive. An FMU of this package for five platforms, with references, has 50 files and 2 MB, compressed to
-# a third; other FMUs, with tables and documentation, are up to a hundred times larger.
+# Limits of an archive. An FMU of this package for five platforms, with references, has 50 files of 2 MB, compressed to
+# a third; FMUs of others, with tables and documentation, are up to a hundred times larger.
 MOST_ENTRIES = 10_000
 MOST_BYTES = 1 << 30  # of all entries, unpacked
 MOST_RATIO = 50  # of unpacked to packed size; text reaches 20
 SMALL = 16 << 20  # unpacked bytes up to which any ratio is allowed
-MOST_XML = 32 << 20  # bytes of all XML documents, which need ten times as much memory when parsed
+MOST_XML = 32 << 20  # bytes of all XML documents; a parsed document needs ten times its size in memory
 MOST_FOLDERS = 16  # inside each other
 _XML = (".xml", ".ssd", ".ssv", ".ssm", ".ssb")
 _ENCRYPTED = 0x1
@@ -30,7 +30,7 @@ _UNSOUND = re.compile(r"/|.*[\\:\x00-\x1f\x7f]|(.*/)?\.\.(/|$)", re.DOTALL)
 @contextmanager
 def reading(source: Path | bytes, name: str, what: str, error: type[EmcasError] = EmcasError,
             ) -> Iterator[zipfile.ZipFile]:
-    """Open an archive, from a file or its bytes, and check names, sizes, number and compression of its entries.
+    """Open an archive, from a file or its bytes, after a check of names, sizes, number and compression of its entries.
 
     `name` is the file's name and `what` the expected kind, such as "an FMU", for messages. Raises `error` if the file
     is not a ZIP archive, fails a check, or is damaged where it is read; EmcasError if it cannot be opened.

@@ -20,7 +20,7 @@ from ..errors import ArgumentError, EmcasError, in_words
 T = TypeVar("T", bound=Callable[..., Any])
 Test = Callable[[Any], bool]
 
-# Words of messages for annotations; other classes are described by their names.
+# Descriptions of annotations in messages; other classes are described by their names.
 _WORDS = {"bool": "True or False", "int": "a whole number", "float": "a finite number", "str": "text", "Path": "a path",
           "NoneType": "None", "Callable": "a function", "ndarray": "numbers",
           "ParameterSet": "a parameter set (load_parameters() reads one from a file)",
@@ -31,11 +31,11 @@ _brief.maxstring = _brief.maxother = 60
 
 
 def checked(target: T) -> T:
-    """Return a function, or a class with its public methods, that first checks arguments by their annotations.
+    """Return a function, or a class with such public methods, that first checks arguments by their annotations.
 
-    A `float` must be finite, text must have no zero byte and be encodable, an array must consist of numbers, finite or
-    not; each element of a collection is checked. A wrong argument raises ArgumentError with its name, its value and
-    the expected type; a file that cannot be used raises EmcasError.
+    A `float` must be finite. Text must be encodable and have no zero byte. An array must consist of numbers, finite or
+    not. Each element of a collection is checked. A wrong argument raises ArgumentError with its name, its value and the
+    expected type; a file that cannot be used raises EmcasError.
     """
     if isinstance(target, type):
         for name, member in list(vars(target).items()):
@@ -76,7 +76,7 @@ class _Tests:
         self.positional = [p.name for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
 
     def accepts(self, name: str, value: Any) -> bool:
-        """Return whether an argument has the expected type; an unknown argument is left to Python, which refuses it."""
+        """Return whether an argument has the expected type; also true for an unknown argument, which Python refuses."""
         test = self._tests.get(name if name != self._rest and name in self._tests else self._rest)
         return test is None or test(value)
 
@@ -125,7 +125,7 @@ def _test(kind: Any) -> Test | None:
 
 
 def _elements(origin: Any, of: list[Test | None], length: int | None) -> Test:
-    """Return the test of a collection or mapping and its elements; an array is a row of numbers, text is not a row."""
+    """Return the test of a collection or mapping and its elements; text is no collection, an array one of numbers."""
     def test(value: Any) -> bool:
         if hasattr(value, "ndim"):
             return of == [_is_finite] and value.ndim == 1 and all(map(_is_finite, value))

@@ -9,12 +9,12 @@ from contextlib import contextmanager
 
 
 class Endless(BaseException):
-    """The time limit is over; not an Exception, so that `except Exception` in the code does not catch it."""
+    """The time limit has passed; not an Exception, so that `except Exception` in the code does not catch it."""
 
 
 @contextmanager
 def bounded(seconds: float) -> Iterator[None]:
-    """Raise Endless in the block, at the line that is being executed, if it lasts longer than this time [s].
+    """Raise Endless in the block, at the line that is being executed, if the block lasts longer than `seconds`.
 
     Another thread waits, so that the code is not slower. A call of C code, such as time.sleep, is not interrupted.
     """

@@ -8,7 +8,7 @@ from ..errors import EmcasError
 
 
 def absent(extra: str, what: str, *modules: str) -> str:
-    """Return the message of :func:`require` if a module is missing or cannot be loaded; otherwise ""."""
+    """Return the message of the error that :func:`require` raises; "" if it raises none."""
     try:
         require(extra, what, *modules)
     except EmcasError as error:
@@ -17,7 +17,7 @@ def absent(extra: str, what: str, *modules: str) -> str:
 
 
 def require(extra: str, what: str, *modules: str) -> None:
-    """Import the modules of an extra or, if `extra` is empty, packages by their names.
+    """Import modules, which the extra `extra` installs or, if it is empty, packages of their names.
 
     Raises EmcasError, whose message begins with `what`, if a module is missing or cannot be loaded.
     """

@@ -44,16 +44,16 @@ def described_sets() -> dict[str, str]:
 
 
 def as_given(file: Path | str) -> str:
-    """Return the name by which a user passes a file: that of a shipped set, otherwise the path unchanged."""
+    """Return the name with which a user chooses a file: the name of a shipped set, otherwise the path unchanged."""
     return next((name for name, path in named_sets().items() if path == Path(file)), str(file))
 
 
 @cache
 def cache_directory() -> Path:
-    """Return a folder for compiled libraries: the user's cache, or a private folder for temporary files.
+    """Return a folder for compiled libraries: the user's cache, else a private folder for temporary files, announced.
 
-    Files in it are executed: a folder that others may write to or replace is not used. The use of the private folder is
-    announced. Raises OSError if neither folder can be used.
+    Files in it are executed: a folder that others may write to or replace is not used. Raises OSError if neither folder
+    can be used.
     """
     mine = Path(tempfile.gettempdir()) / f"emcas-{os.getuid() if hasattr(os, 'getuid') else 'cache'}"
     try:
@@ -65,9 +65,9 @@ def cache_directory() -> Path:
 
 
 def _private(folder: Path) -> Path:
-    """Return a folder, created if necessary, that only the user may write to and that has room.
+    """Return the resolved path of a folder, created if necessary.
 
-    Raises OSError if there is no such folder.
+    Raises OSError if it cannot be created, if others may write to it or replace it, or if the disk is full.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -86,7 +86,7 @@ def _private(folder: Path) -> Path:
 def _refuse_shared(folder: Path) -> None:
     """Raise OSError for a folder that another user may write to or replace; otherwise remove other users' rights."""
     user, mode = os.getuid(), folder.stat().st_mode
-    # In a container some users may be unknown; the owner of the root folder is the administrator.
+    # In a container the administrator may have another number than 0: that of the root folder's owner.
     trusted = {user, 0, Path(folder.anchor).stat().st_uid}
     reason = ""
     if folder.stat().st_uid != user:

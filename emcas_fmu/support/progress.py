@@ -14,11 +14,11 @@ LOG = logging.getLogger("emcas_fmu")
 """Announces slow work that is done once, such as compiling (info), and fallbacks (warning)."""
 
 Progress = Callable[[str, int, int], None]
-"""A function that is called with the name of the work, the number of parts done, and their total number."""
+"""A function that is called with the name of the work, the number of parts done, and the number of all parts."""
 
 
 def warn(message: str) -> None:
-    """Announce a fallback, unless this is a worker process, whose parent announces the same."""
+    """Announce a fallback; a worker process does not, since its parent announces the same."""
     from multiprocessing import parent_process  # late: the import is slow and rarely needed
 
     if parent_process() is None:
@@ -31,7 +31,7 @@ def silent(_name: str, _done: int, _total: int) -> None:
 
 @contextmanager
 def _at_interrupts(act: Callable[[], object]) -> Iterator[None]:
-    """Call `act` at Ctrl-C until the block ends; in threads other than the main one, do nothing."""
+    """Call `act` at Ctrl-C until the block ends, instead of the usual handler; do nothing outside the main thread."""
     handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or handler is None:
         yield
@@ -44,9 +44,9 @@ def _at_interrupts(act: Callable[[], object]) -> Iterator[None]:
 
 
 def waking(done: SimpleQueue[Any]) -> AbstractContextManager[None]:
-    """Let Ctrl-C put None into the queue `done` in a block in which a KeyboardInterrupt could leave a lock locked.
+    """Put None into the queue `done` at Ctrl-C in a block in which a KeyboardInterrupt could leave a lock locked.
 
-    Nothing changes if the program handles Ctrl-C itself.
+    A program's own handler of Ctrl-C remains.
     """
     usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     return _at_interrupts(lambda: done.put(None)) if usual else nullcontext()

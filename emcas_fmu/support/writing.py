@@ -1,7 +1,7 @@
 """Writing of files: each is written beside its path, flushed to the disk, and moved to the path.
 
-If writing is interrupted, or the disk is full, the whole new file or the old one is at the path. No other module of the
-package opens a file for writing.
+If writing is interrupted, or the disk is full, the path still has the whole old file, or already the whole new one. No
+other module of the package opens a file for writing.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ PARTIAL = ".partial"
 """Suffix of a file while it is written; such a file remains only if the process is killed."""
 
 _BLOCK = 4096  # bytes; a file occupies one block or more
-_SHOWN = 40  # letters of a file's name in that of its partial file, which is thus never too long
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date a ZIP archive can hold
+_SHOWN = 40  # most characters of a file's name in the name of its partial file, which must not be too long
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date in a ZIP archive
 
 
 def write(path: Path | str, content: str | bytes) -> int:
@@ -40,8 +40,8 @@ def write(path: Path | str, content: str | bytes) -> int:
 def write_folder(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:
     """Write files that belong together into a folder, which is created if necessary; return their paths.
 
-    When all files are on the disk they are moved to their paths, in their order; Ctrl-C is delayed meanwhile. Raises
-    EmcasError if one cannot be written.
+    When all files are on the disk they are moved to their paths one by one; Ctrl-C is delayed meanwhile. Raises
+    EmcasError if a file cannot be written.
     """
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -55,19 +55,16 @@ def write_folder(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path
 
 @contextmanager
 def whole(path: Path | str) -> Iterator[BinaryIO]:
-    """Yield a file to write to; it is moved to its path when the block ends, and removed if the block raises.
+    """Yield a file to write to; it is moved to `path` when the block ends, and removed if the block raises.
 
-    Raises EmcasError if it cannot be written.
+    Raises EmcasError if the file cannot be written.
     """
     with _beside([Path(path)]) as (file,), writing(path):
         yield file
 
 
 def append(path: Path, text: str) -> None:
-    """Append text to a file, all of it or nothing: for journals, and for summaries of several steps.
-
-    Raises EmcasError if it cannot be written.
-    """
+    """Append text to a file, all of it or nothing. Raises EmcasError if it cannot be written."""
     with writing(path), path.open("ab", buffering=0) as file:
         regular = stat.S_ISREG(os.fstat(file.fileno()).st_mode)
         before = file.tell() if regular else 0
@@ -86,8 +83,8 @@ def append(path: Path, text: str) -> None:
 def write_zip(contents: Mapping[str, bytes], target: Path, order: Callable[[str], Any], executable: str = "") -> None:
     """Write files to a ZIP archive; equal contents result in equal bytes.
 
-    `order(name)` is the sort key of the files; those whose names begin with `executable` get the right to be executed.
-    Raises EmcasError if the archive cannot be written.
+    `order(name)` is the sort key of the files; files whose names begin with `executable` are made executable. Raises
+    EmcasError if the archive cannot be written.
     """
     with whole(target) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
         for name in sorted(contents, key=order):
@@ -118,7 +115,7 @@ def try_file(path: Path) -> None:
 
 
 def try_folder(folder: Path, made: Path | None = None) -> None:
-    """Raise EmcasError if a folder could not be written to; the message names `made`, a folder to be created in it."""
+    """Raise EmcasError if a folder could not be written to; the message names `made` instead if it is to be created."""
     with writing(made or folder), TemporaryFile(dir=folder) as file:
         _try_block(file)
 
@@ -155,7 +152,7 @@ class _Beside:
             if self._replaced:
                 os.close(os.open(self.target, os.O_WRONLY))  # a file that may not be written is not replaced either
             partial = self.target.with_name(f".{self.target.name[:_SHOWN]}.{secrets.token_hex(6)}{PARTIAL}")
-            self.opened = partial.open("xb")  # with the rights of any new file in this folder
+            self.opened = partial.open("xb")  # has the rights of any new file in this folder
             self.partial = partial
 
     def finish(self) -> None:
@@ -206,7 +203,7 @@ def _beside(paths: Iterable[Path]) -> Iterator[list[BinaryIO]]:
 def _standard_stream(file: os.stat_result) -> int | None:
     """Return a new descriptor of standard output or error if `file` is one of them, such as /dev/stdout, else None.
 
-    The shell has opened that file: output would not be redirected to a file that replaces it.
+    The shell may have redirected that stream to a file: the stream would not follow to a file that replaces it.
     """
     for stream, number in ((sys.stdout, 1), (sys.stderr, 2)):
         with suppress(OSError):

@@ -80,4 +80,4 @@ def test_its_documents(written: Any, tmp_path: Path) -> None:
     assert valid_documents(archive.path) == 1 + 3  # the structure; sets of two components and the system
     (finding,) = check(archive.path).findings
     assert "has connections of the system's own connectors" in finding.message
-    assert "halves are two FMUs" in emcas("--halves", "--fmu", tmp_path / "one.fmu", "-o", tmp_path / "x.ssp", code=2)
+    assert "halves are built" in emcas("--halves", "--fmu", tmp_path / "one.fmu", "-o", tmp_path / "x.ssp", code=2)
