@@ -8,7 +8,7 @@ from itertools import product
 from math import inf
 from typing import NamedTuple
 
-from .tracer import Assign, Block, Expr, If, Operand, Tracer
+from .tracer import Assign, Block, Expr, Operand, Tracer
 
 
 class Known(NamedTuple):
@@ -54,16 +54,12 @@ def _follow(block: Block, known: dict[str, Known]) -> None:
     for statement in block.statements:
         if isinstance(statement, Assign):
             known[statement.name] = _assigned(statement, [_of(known, operand) for operand in statement.operands])
-        else:
-            _branch(statement, known)
-
-
-def _branch(statement: If, known: dict[str, Known]) -> None:
-    _follow(statement.yes, known)
-    _follow(statement.no, known)
-    condition = _of(known, statement.condition)
-    for name, yes, no in zip(statement.names, statement.yes_values, statement.no_values, strict=True):
-        known[name] = _chosen(condition, _of(known, yes), _of(known, no))
+            continue
+        _follow(statement.yes, known)
+        _follow(statement.no, known)
+        condition = _of(known, statement.condition)
+        for name, yes, no in zip(statement.names, statement.yes_values, statement.no_values, strict=True):
+            known[name] = _chosen(condition, _of(known, yes), _of(known, no))
 
 
 def _chosen(condition: Known, yes: Known, no: Known) -> Known:

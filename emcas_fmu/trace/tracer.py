@@ -220,18 +220,12 @@ class Tracer(Derived):
 
     def emit(self, operation: str, *operands: Value) -> Expr:
         """Return the value of an operation, which is recorded unless it has been recorded before."""
-        fixed, key = True, [operation]  # with numbers as text: 0.0 and -0.0 are equal, but differ in their bits
-        for operand in operands:
-            if isinstance(operand, Expr):
-                fixed = fixed and operand.fixed
-                key.append(operand.name)
-            else:
-                key.append(repr(operand))
+        fixed = all(operand.fixed for operand in operands if isinstance(operand, Expr))
+        key = operation, *map(repr, operands)  # as texts: 0.0 and -0.0 are equal, but differ in their bits
         scope = self._first if fixed else self._scope
-        computed = scope.find(signature := tuple(key))
-        if computed is not None:
+        if (computed := scope.find(key)) is not None:
             return computed
-        result = scope.computed[signature] = self._new(fixed)
+        result = scope.computed[key] = self._new(fixed)
         scope.block.statements.append(Assign(result.name, operation, operands))
         return result
 
