@@ -3,14 +3,7 @@
 from .checks import broken_rules, check_combinations, check_parameters, require_sound
 from .entries import IDENTIFIED, Entry, ParameterError, Value, as_text, file_entry
 from .measured import MeasuredRecord
-from .sets import (
-    ParameterSet,
-    are_defaults,
-    load_parameters,
-    parameter_file,
-    shipped_file,
-    write_parameters,
-)
+from .sets import ParameterSet, are_defaults, load_parameters, parameter_file, shipped_file, write_parameters
 
 __all__ = ["IDENTIFIED", "Entry", "MeasuredRecord", "ParameterError", "ParameterSet", "Value", "are_defaults",
            "as_text", "broken_rules", "check_combinations", "check_parameters", "file_entry", "load_parameters",
