@@ -9,7 +9,7 @@ from ..ops.base import Ops, Value
 _SHORT = 0.01
 
 
-def shares(ops: Ops, ratio: Value) -> tuple[Value, Value]:
+def shares(ops: Ops, ratio: Value) -> tuple[Value, ...]:
     """Return the means over the step of s and s^2, where s(t) rises from 0 at the start to 1 at the end.
 
     `ratio` is the ratio of the step to the exponential's time constant, above 0.
@@ -20,8 +20,7 @@ def shares(ops: Ops, ratio: Value) -> tuple[Value, Value]:
         rest = change / ratio
         return (1.0 - rest) / change, (1.0 - 2.0 * rest + 0.5 * rest * (1.0 + decay)) / (change * change)
 
-    first, second = ops.branch(ratio > _SHORT, exact, lambda: (0.5 + ratio / 12.0, 1.0 / 3.0 + ratio / 12.0))
-    return first, second
+    return ops.branch(ratio > _SHORT, exact, lambda: (0.5 + ratio / 12.0, 1.0 / 3.0 + ratio / 12.0))
 
 
 def mean(ops: Ops, start: Value, end: Value, ratio: Value) -> Value:

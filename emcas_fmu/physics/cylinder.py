@@ -51,7 +51,7 @@ def linkage(ops: Ops, p: Any, fin_angle: Value, u: Any) -> Linkage:
     ratio = kinematics.reduction_ratio(ops, _piston(p), tangent)
     swept = p.cylinder.area * p.kinematics.moment_arm * (tangent - ops.tan(p.kinematics.initial_angle))
     mass = p.cylinder.moving_mass
-    moment = u.aero_torque + loads.hinge_moment(ops, p, tangent, u) + ratio * mass * u.f_x
+    moment = mechanics.external_moment(ops, p, tangent, u) + ratio * mass * u.f_x
     return Linkage(ratio, 2.0 * ratio * tangent, p.cylinder.dead_volume + swept, p.cylinder.dead_volume - swept,
                    loads.fin_inertia(p) + mass * ratio * ratio, dry(p, ratio), moment)
 

@@ -51,8 +51,7 @@ def voltage_limit(ops: Ops, p: Any, supply: Value, speed: Value, current: Value)
         across = inductive_voltage(p, speed, current)
         return (ops.sqrt(ops.maximum(supply * supply - across * across, 0.0)),)
 
-    (limit,) = ops.branch(p.motor.pole_pairs > 0.0, with_inductance, lambda: (supply,))
-    return limit
+    return ops.branch(p.motor.pole_pairs > 0.0, with_inductance, lambda: (supply,))[0]
 
 
 def steady_current(ops: Ops, p: Any, supply: Value, speed: Value) -> Value:

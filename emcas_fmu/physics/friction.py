@@ -42,12 +42,11 @@ def coulomb_polynomial(coefficients: Any, fin: Value) -> Value:
 def coulomb_reference(ops: Ops, p: Any, direction: Value, fin: Value) -> Value:
     """Return the Coulomb torque [N.m] at 24 degC at a fin angle [rad] for motion along the sign of `direction`."""
     polynomials = p.friction.coulomb
-    (value,) = ops.branch(
+    return ops.branch(
         direction > 0.0,
         lambda: (ops.maximum(coulomb_polynomial(polynomials.positive, fin), 0.0),),
         lambda: (ops.maximum(coulomb_polynomial(polynomials.negative, fin), 0.0),),
-    )
-    return value
+    )[0]
 
 
 def falls(p: Any) -> bool:

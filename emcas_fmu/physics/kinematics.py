@@ -10,6 +10,7 @@ constant ratio d/l of small angles and phi_0 = 0, (2.18): theta = (d/l) fin_angl
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import Any
 
 from ..ops.base import Ops, Value
@@ -44,11 +45,9 @@ def motor_angle(ops: Ops, p: Any, fin: Value) -> Value:
 
 def deviates(ops: Ops, p: Any, plant: Any) -> Value:
     """Return whether lever or screw in the parameters `plant` differ from those in the nominal parameters `p`."""
-    same: Value = True
-    for nominal, actual in ((p.kinematics.moment_arm, plant.kinematics.moment_arm), (p.screw.lead, plant.screw.lead),
-                            (p.kinematics.initial_angle, plant.kinematics.initial_angle)):
-        same = ops.both(same, ops.equal(nominal, actual))
-    return ops.negate(same)
+    pairs = ((p.kinematics.moment_arm, plant.kinematics.moment_arm), (p.screw.lead, plant.screw.lead),
+             (p.kinematics.initial_angle, plant.kinematics.initial_angle))
+    return ops.negate(reduce(ops.both, (ops.equal(nominal, actual) for nominal, actual in pairs)))
 
 
 def reduction_ratio(ops: Ops, p: Any, tangent: Value) -> Value:

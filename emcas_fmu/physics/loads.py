@@ -28,6 +28,8 @@ aero_torque. Rotor and screw turn about body x (:func:`emcas_fmu.physics.mechani
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import reduce
+from operator import add
 from typing import Any, NamedTuple
 
 from ..namespace import Record
@@ -133,12 +135,9 @@ def _moment(ops: Ops, p: Any, u: Any, nothing: Value, weight: Callable[[], Value
     return ops.branch(_zero(ops, u.wx2_wz2, u.wx_wz, u.alpha_y), steady, rotating)[0]
 
 
-def _zero(ops: Ops, first: Value, *others: Value) -> Value:
+def _zero(ops: Ops, *values: Value) -> Value:
     """Return whether all values are zero; every step needs this, so one comparison is used."""
-    total = ops.fabs(first)
-    for other in others:
-        total = total + ops.fabs(other)
-    return ops.equal(total, 0.0)
+    return ops.equal(reduce(add, map(ops.fabs, values)), 0.0)
 
 
 def _first_moments(p: Any) -> tuple[Value, Value]:

@@ -10,35 +10,25 @@ from ..ops.base import Ops, Value
 from . import drive_line, friction, kinematics, loads, mechanics, screw
 
 
-def _load_side(ops: Ops, p: Any, speed: Value, fin: Value, moment: Value, u: Record, direction: Value
-               ) -> tuple[Value, Value]:
-    """Return J_l [kg.m2] and L_0 [N.m] of a rigid drive line at a motor speed [rad/s] and a fin angle [rad], under a
-    hinge `moment` [N.m]."""
-    m = mechanics.coefficients(ops, p, kinematics.motor_angle(ops, p, fin))
-    m = m._replace(load=moment * m.gain + p.screw.lead * loads.nut_force(ops, p, u))
-    return screw.load_inertia(p, m.gain), screw.load(p, m, speed, direction)
-
-
-def _line_load(ops: Ops, p: Any, x: Record, fin: Value, u: Record) -> tuple[Value, Value]:
-    """Return J_l [kg.m2] and L_0 [N.m] of an elastic drive line: only the nut is rigidly behind the screw."""
-    deflection, rate = x.motor_angle - x.fin_side_angle, x.motor_speed - x.fin_side_speed
-    c = drive_line.line(ops, p, x.fin_side_angle)
-    pressed, flank = drive_line.pressed(ops, c, deflection, rate)
-    torque = ops.where(pressed, drive_line.torque(c, deflection, rate, flank), 0.0)
-    return screw.nut_inertia(p), torque - p.screw.lead * loads.nut_force(ops, p, u)
-
-
 def loss(ops: Ops, p: Any, x: Record, u: Record, shown: Mapping[str, Value]) -> Value:
     """Return the power [W] that the screw turns into heat; `shown` contains the actuator's other outputs."""
     speed, fin = shown["motor_speed"], shown["fin_angle"]
     direction = ops.where(speed > 0.0, 1.0, -1.0)
 
-    def rigid() -> tuple[Value, Value]:
-        return _load_side(ops, p, speed, fin, shown["hinge_torque"], u, direction)
+    def rigid() -> tuple[Value, Value]:  # J_l [kg.m2] and L_0 [N.m]
+        m = mechanics.coefficients(ops, p, kinematics.motor_angle(ops, p, fin))
+        m = m._replace(load=shown["hinge_torque"] * m.gain + p.screw.lead * loads.nut_force(ops, p, u))
+        return screw.load_inertia(p, m.gain), screw.load(p, m, speed, direction)
+
+    def elastic() -> tuple[Value, Value]:  # only the nut is rigidly behind the screw
+        deflection, rate = x.motor_angle - x.fin_side_angle, x.motor_speed - x.fin_side_speed
+        c = drive_line.line(ops, p, x.fin_side_angle)
+        pressed, flank = drive_line.pressed(ops, c, deflection, rate)
+        torque = ops.where(pressed, drive_line.torque(c, deflection, rate, flank), 0.0)
+        return screw.nut_inertia(p), torque - p.screw.lead * loads.nut_force(ops, p, u)
 
     def turning() -> tuple[Value, ...]:
-        inertia, load = rigid() if not p.structure.drive_line else ops.branch(
-            drive_line.rigid(ops, p), rigid, lambda: _line_load(ops, p, x, fin, u))
+        inertia, load = (ops.branch(drive_line.rigid(ops, p), rigid, elastic) if p.structure.drive_line else rigid())
         net = (shown["motor_torque"] + mechanics.rotor_torque(p, u)
                - direction * friction.coulomb(ops, p, direction, fin, speed)
                - friction.viscous(ops, p, direction) * speed)

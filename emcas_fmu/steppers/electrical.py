@@ -136,8 +136,7 @@ def resolved_step(ops: Ops, p: Any, s: Any, u: Record, h: Value) -> Value:
         step = ops.maximum(_SHORTEST * p.solver.max_tick, _RESOLVED * p.motor.inductance * limit / falling)
         return (ops.where(clipped, ops.minimum(h, step), h),)
 
-    (h,) = ops.branch(p.motor.pole_pairs > 0.0, steep, lambda: (h,))
-    return h
+    return ops.branch(p.motor.pole_pairs > 0.0, steep, lambda: (h,))[0]
 
 
 def begun(ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[Record, Value]:
