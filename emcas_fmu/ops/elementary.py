@@ -78,10 +78,8 @@ _LARGEST = float.fromhex("0x1.fffffffffffffp+1023")
 
 
 def polynomial(x: Value, coefficients: Sequence[Value]) -> Value:
-    """Return a polynomial of x by Estrin's scheme (pairs, then pairs of pairs); the constant coefficient is first.
-
-    Its short parallel chains of operations are faster than the one long chain of Horner's scheme.
-    """
+    """Return a polynomial of x; the constant coefficient is first."""
+    # Estrin's scheme, pairs, then pairs of pairs: its short parallel chains are faster than Horner's long one.
     terms: list[Value] = list(coefficients)
     while len(terms) > 1:
         pairs = [low + high * x for low, high in zip(terms[::2], terms[1::2], strict=False)]

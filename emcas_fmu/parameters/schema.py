@@ -58,7 +58,7 @@ def failure(problems: Iterable[tuple[Location, str, Any]]) -> ValidationError:
 
 def further(problems: Sequence[Any]) -> list[str]:
     """Return a list with a message about the problems beyond MOST_PROBLEMS; it is empty if there are none."""
-    return [f"and {len(problems) - MOST_PROBLEMS} problems more"] if len(problems) > MOST_PROBLEMS else []
+    return [f"and {len(problems) - MOST_PROBLEMS} more problems"] if len(problems) > MOST_PROBLEMS else []
 
 
 def _worded(problem: Any, keys: list[str]) -> tuple[Location, str, Any]:
@@ -88,10 +88,7 @@ def parameter_of(name: str, variables: Mapping[str, Variable], remedy: str = "")
 
 
 def named(tables: Any) -> Iterator[tuple[str, Any]]:
-    """Yield name and table for each table of a list; the name is the value of the key `name`, or ``[index]``.
-
-    Raises ValueError if `tables` is not a list.
-    """
+    """Yield name (key `name`, or ``[index]``) and table of each table in a list. Raises ValueError if it is no list."""
     if not isinstance(tables, list):
         raise ValueError("must be a list of tables")
     for i, table in enumerate(tables):
@@ -215,10 +212,7 @@ Quantity = Annotated[Any, PlainValidator(lambda written, info: info.context.numb
 
 
 def document(path: Path, error: type[EmcasError], number: Callable[[str], Any] = float) -> tuple[str, dict[str, Any]]:
-    """Return text and contents of a TOML file; decimal numbers are converted by `number`.
-
-    Raises `error` if the file cannot be read, or is not valid TOML.
-    """
+    """Return text and contents of a TOML file, with decimal numbers as `number(text)`. Raises `error` if that fails."""
     try:
         text = path.read_text(encoding="utf-8-sig")
         contents = tomllib.loads(text, parse_float=number)

@@ -57,8 +57,7 @@ def _chosen(ops: Ops, pair: tuple[Value, Value], direction: Value) -> Value:
 
 
 def _driving(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value, Value]:
-    """Return the torque [N.m] and the inertia [kg.m2] that move the screw, and the rotor's torque without the clutch's.
-    """
+    """Return torque [N.m] and inertia [kg.m2] of the screw's motion, and the rotor's torque without the clutch."""
     rotor = t.rotor_torque - m.rotor * t.dry
     joined = ops.equal(m.clutch, 0.0)
     net = t.screw_torque - m.screw * _chosen(ops, t.sliding, m.screw) + ops.where(joined, rotor, m.clutch * t.capacity)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from ..ops.base import Ops, Value
 
-# Below this ratio of step to time constant the closed forms lose digits; series, which are off by at most 6e-7, replace
-# them.
-_SHORT = 0.01
+_SHORT = 0.01  # ratio of step to time constant below which closed forms lose digits and series are used, within 6e-7
 
 
 def shares(ops: Ops, ratio: Value) -> tuple[Value, ...]:

@@ -73,8 +73,7 @@ def pressing(p: Any, c: Linkage, pressure_1: Value, pressure_2: Value) -> Value:
 
 
 def acceleration(p: Any, c: Linkage, fin_rate: Value, pressure_1: Value, pressure_2: Value, dry: Value) -> Value:
-    """Return the fin's acceleration [rad/s2] under the friction torque `dry` [N.m], positive against positive motion.
-    """
+    """Return the fin's acceleration [rad/s2] under dry friction [N.m], positive against positive motion."""
     viscous = p.cylinder.viscous_friction * c.ratio * c.ratio + mechanics.hinge_friction(p).viscous
     swing = p.cylinder.moving_mass * c.ratio * c.slope * fin_rate
     return (pressing(p, c, pressure_1, pressure_2) - dry - (viscous + swing) * fin_rate) / c.inertia

@@ -67,10 +67,7 @@ def steady_current(ops: Ops, p: Any, supply: Value, speed: Value) -> Value:
 
 
 def knee_speed(ops: Ops, p: Any, supply: Value, current: Value) -> Value:
-    """Return the motor speed [rad/s] at which a steady current [A] needs the whole supply [V].
-
-    It is 0 if the current needs the whole supply, or more, at rest.
-    """
+    """Return the motor speed [rad/s], 0 or above, at which a steady current [A] needs the whole supply [V]."""
     drop = p.motor.resistance * current
     across = inductive_voltage(p, 1.0, current)
     emf = back_emf(p, 1.0)

@@ -54,10 +54,8 @@ def flows(p: Any, winding: Value, case: Value) -> tuple[Value, Value]:
 
 
 def warmed(p: Any, winding: Value, case: Value, loss: Value, h: Value) -> tuple[Value, Value]:
-    """Return the temperatures [degC] of winding and case after `h` [s] under a constant loss [W] in the winding.
-
-    The implicit midpoint rule is of second order, stable for any step, and conserves energy.
-    """
+    """Return the temperatures [degC] of winding and case after `h` [s] under a constant loss [W] in the winding."""
+    # The implicit midpoint rule is of second order, stable for any step, and conserves energy.
     inward, outward = flows(p, winding, case)
     winding_rate, case_rate = 2.0 * p.heat.winding_capacity / h, 2.0 * p.heat.case_capacity / h
     between, away = 1.0 / p.heat.winding_to_case, 1.0 / p.heat.case_to_ambient
@@ -77,10 +75,9 @@ def _squares(ops: Ops, p: Any, peak: Value) -> tuple[Value, Value]:
 
 
 def loaded(ops: Ops, p: Any, load: Value, square: Value, h: Value, rated: Value | None = None) -> Value:
-    """Return the I2t load s [-] after `h` [s] with a mean `square` of the current [A^2].
+    """Return the I2t load s [-] after `h` [s] with a mean `square` of the current [A^2]; 0 if I_p <= I_c.
 
-    It is 0 if the peak is not above the continuous current. `rated` [A] is the rated peak of a drive that a fault
-    derates, otherwise None.
+    `rated` [A] is the rated peak of a drive that a fault derates, otherwise None.
     """
     continuous, reserve = _squares(ops, p, p.drive.current_limit if rated is None else rated)
     limited = reserve > 0.0

@@ -88,10 +88,7 @@ def fin_inertia(p: Any) -> Value:
 
 
 def hinge_moment(ops: Ops, p: Any, tangent: Value, u: Any) -> Value:
-    """Return the moment [N.m] of gravity and inertia about the hinge at tan(phi), (2.34), (2.35), (2.40), (2.41).
-
-    `u` has the fields of :class:`MotionLoads`.
-    """
+    """Return the hinge moment [N.m] of the motion loads `u` at tan(phi), (2.34), (2.35), (2.40), (2.41)."""
     # fin_angle = phi - initial_angle; the rotation by -initial_angle depends on parameters only.
     sin_0, cos_0 = ops.sin(p.kinematics.initial_angle), ops.cos(p.kinematics.initial_angle)
 
@@ -111,7 +108,7 @@ def hinge_moment(ops: Ops, p: Any, tangent: Value, u: Any) -> Value:
 
 
 def hinge_moment_at(ops: Ops, p: Any, fin_angle: Value, u: Any) -> Value:
-    """Return the moment of :func:`hinge_moment` at a fin angle [rad], for actuators without a lever."""
+    """Return the moment [N.m] of :func:`hinge_moment` at a fin angle [rad], for actuators without a lever."""
     def angle() -> tuple[Value, Value]:
         return ops.cos(fin_angle), ops.sin(fin_angle)
 

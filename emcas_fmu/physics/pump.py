@@ -71,8 +71,7 @@ SHUT = Valves(False, False, 0.0, False, False)
 
 
 def bypass(ops: Ops, p: Any, enabled: Value) -> Value:
-    """Return the conductance [m3/(s.Pa)] of the bypass valve; the parameters may open it while the drive is disabled.
-    """
+    """Return the conductance [m3/(s.Pa)] of the bypass valve, which a parameter may open in a disabled drive."""
     open_ = ops.where(ops.both(p.bypass_valve.opens_disabled, ops.negate(enabled)), 1.0, p.bypass_valve.opening)
     return open_ * p.bypass_valve.conductance
 

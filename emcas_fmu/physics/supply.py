@@ -22,7 +22,7 @@ _TINY = 1e-300
 
 
 def tripped(ops: Ops, p: Any, link: Value, before: Value) -> Value:
-    """Return whether the bridge is open at a link voltage [V]; `before` is above 0 if it was open before."""
+    """Return whether the bridge is open at a link voltage [V]; `before` is above 0 if the bridge was open before."""
     low = link < p.supply.trip_voltage
     return ops.either(low, ops.both(before > 0.0, link <= p.supply.recovery_voltage))
 
@@ -113,10 +113,7 @@ def moved(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, e
 
 
 def trip_time(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, edges: int = 2) -> Value:
-    """Return the time [s] in which the link falls to the trip voltage, `h` if it takes longer.
-
-    The arguments are those of :func:`moved`.
-    """
+    """Return the time [s] in which the link falls to the trip voltage, at most `h`; arguments as in :func:`moved`."""
     trip = p.supply.trip_voltage
     end, left, _ = _to_edge(ops, p, link, source, load, h, trip)
     if not edges:

@@ -40,10 +40,10 @@ _RULES: tuple[tuple[Literal["error", "warning"], str, str, str], ...] = (
      "set in a file, without prefix or mapping"),
     ("warning", "//ssd:Connections[ssd:Connection[not(@startElement and @endElement)]]",
      "has connections of the system's own connectors, with which libcosim and Ecos refuse the file",
-     "run it with examples/ssp_hosts for these, or wire components only"),
+     "run it in libcosim or Ecos by examples/ssp_hosts, or wire components only"),
     ("warning", "//ssd:Component//ssd:Connector[name() = 'ssd:Connector' and ssc:Enumeration]",
      "is an enumeration, at which libcosim ends the process",
-     "run it with examples/ssp_hosts for libcosim, or write another prefix for the same namespace"),
+     "run it in libcosim by examples/ssp_hosts, or write another prefix for the same namespace"),
     ("warning", "//ssv:Parameter[ssv:Boolean[@value = 'false' or @value = '0']]",
      "is false, which fmpy's read_ssv and simulate_ssp read as true",
      "make it the FMU's start value instead: emcas build --parameters FILE"))

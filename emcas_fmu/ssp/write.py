@@ -139,7 +139,7 @@ def _too_late(fin: ParameterSet) -> str:
     delay = float(fin.values.get(_DELAY, 0.0))
     return "" if delay >= STEP_SIZE * (1.0 - SLACK) else (
         f"{_DELAY} = {delay:g} s is below the step of {STEP_SIZE:g} s that the reference takes between components: the "
-        "halves respond later than the whole; couple them in turn (docs/use/hardware_in_the_loop.md)")
+        "halves respond later than the whole actuator; couple the halves in turn (docs/use/hardware_in_the_loop.md)")
 
 
 def _plant(fin: ParameterSet) -> ParameterSet:
@@ -148,10 +148,7 @@ def _plant(fin: ParameterSet) -> ParameterSet:
 
 
 def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:
-    """Return the FMU's start values by name in a parameter file.
-
-    Raises SspError if the FMU is not an actuator of this model.
-    """
+    """Return the FMU's start values by name in a parameter file. Raises SspError for an FMU of another model."""
     actuator = get(model)
     table = (*actuator.inputs, *actuator.outputs, *actuator.parameters)
     names = {e.name: e.name for e in actuator.file_entries} | {v.key: v.name for v in actuator.inputs if v.key}

@@ -240,7 +240,7 @@ class System:
                                  f"one, {at.high:.4g}")
             if not read.intersection(each.names):
                 raise EmcasError(f"{type(each).__name__} {each.name}: no derivative depends on u.{each.name}; use it "
-                                 "in one, or remove the discontinuity")
+                                 "in a derivative, or remove the discontinuity")
         for body in self._bodies:
             _, limit = body.angle_and_limit(ops, p, x, u)
             if body.stop is not None and not limit > 0.0:
@@ -268,7 +268,7 @@ class System:
         if abs(above[rate] + below[rate] - 2.0 * free[rate]) > _LINEAR * abs(change):
             raise EmcasError(f"Coulomb {name}: the derivative of {rate} must be linear in u.{name}")
         if other := [each for each in free if each != rate and above[each] != free[each]]:
-            raise EmcasError(f"Coulomb {name}: the derivative of {other[0]} depends on u.{name}, too; for "
+            raise EmcasError(f"Coulomb {name}: the derivative of {other[0]} also depends on u.{name}; for "
                              "friction of rigidly coupled bodies declare a step function instead of discontinuities")
 
     # -- a mode, which holds for a step -----------------------------------------

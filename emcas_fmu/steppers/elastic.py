@@ -122,10 +122,8 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
 
 
 def longest_step(ops: Ops, p: Any, c: drive_line.Line, most: float) -> Value:
-    """Return the longest step [s] in which the acceleration of a screw that locks, e < 0, is unique.
-
-    In this step -e k, with k = h K/2 + D, is at most the share `most` of 2 J/h, which is also enough for a fin at rest.
-    """
+    """Return the longest step [s] in which the acceleration of a screw that locks, e < 0, is unique."""
+    # -e k, with k = h K/2 + D, is at most the share `most` of 2 J/h, which is also enough for a fin at rest.
     locking = ops.maximum(-screw.backward(ops, p), _LEAST_LOCKING)
     inertia = most * screw.rotor_inertia(p)
     damped = 0.5 * locking * c.damping

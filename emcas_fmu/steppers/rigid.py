@@ -311,8 +311,7 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
 
 
 def stop_time(ops: Ops, s: Plant, step: Step, stopping: Value, stop: Value, h: Value) -> Value:
-    """Return the time [s] at which a motor of constant acceleration meets the angle `stop` [rad]; `h` unless
-    `stopping`."""
+    """Return the time [s] in which constant acceleration brings a motor to the stop [rad], `h` unless `stopping`."""
     travel = stop - s.motor_angle
     acceleration = (step.end.motor_speed - s.motor_speed) / h
     root = ops.sqrt(ops.maximum(s.motor_speed * s.motor_speed + 2.0 * acceleration * travel, 0.0))
@@ -328,8 +327,7 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
     voltage = voltage_time(ops, p, s, step, e.crossing, h, lambda time: _step(ops, p, s, u, time, heading))
     stopping = stop_time(ops, s, step, e.stopping, stop, h)
     if heading is not None:
-        # The first guess is the zero of the line between the speeds at start and end. It is corrected by the line
-        # through the speed at the guess.
+        # The zero of the line between the speeds at start and end is corrected by a line through the speed there.
         slowing = ops.where(e.reversing, s.motor_speed - step.end.motor_speed, 1.0)
         guess = ops.where(e.reversing, h * s.motor_speed / slowing, h)
 

@@ -17,10 +17,7 @@ def absent(extra: str, what: str, *modules: str) -> str:
 
 
 def require(extra: str, what: str, *modules: str) -> None:
-    """Import modules, which the extra `extra` installs or, if it is empty, packages of their names.
-
-    Raises EmcasError, whose message begins with `what`, if a module is missing or cannot be loaded.
-    """
+    """Import modules of an extra, or if `extra` is empty packages. Raises EmcasError, "`what` ...", if that fails."""
     for module in modules:
         try:
             import_module(module)

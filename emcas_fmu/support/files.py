@@ -18,10 +18,7 @@ _LIBRARY = 2_000_000  # bytes: a compiled library is smaller
 
 
 def models_directory() -> Path:
-    """Return the folder of parameter sets: inside the package if it is installed, beside it in a checkout.
-
-    Raises FileNotFoundError if emcas.toml is in neither.
-    """
+    """Return the folder of parameter sets, inside or beside the package. Raises FileNotFoundError if there is none."""
     package = Path(__file__).resolve().parents[1]
     folders = (package / "models", package.parent / "models")
     for folder in folders:

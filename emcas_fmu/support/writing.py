@@ -132,10 +132,7 @@ def _try_block(file: IO[bytes]) -> None:
 
 
 class _Beside:
-    """A file that is written beside its path; a terminal, pipe or device is written to directly.
-
-    Raises OSError if it cannot be written.
-    """
+    """A file that is written beside its path, or directly if it is a terminal, pipe or device. Raises OSError."""
 
     def __init__(self, path: Path) -> None:
         self.partial: Path | None = None

@@ -47,10 +47,7 @@ def _comparison(operation: str, greater: bool = False) -> Callable[[Expr, Value]
 
 
 class Expr:
-    """A value of the traced program: its name, and whether it depends on parameters alone (`fixed`).
-
-    Its operators work as long as the tracer exists.
-    """
+    """A value of the traced program: its name, and whether it depends on parameters alone (`fixed`)."""
 
     __slots__ = ("fixed", "name", "tracer")
 

@@ -288,7 +288,7 @@ ACTUATOR = em.Actuator(
     ('"fin_angle": x.fin_rate', '"fin_angle": x.fin_rate + 1.0', "Stop of fin_angle: the derivative of that"),
     ("- u.friction", "- u.friction - 0.1 * u.friction * u.friction", "must be linear in u.friction"),
     ('"heat": 0.0 * u.drive', '"heat": u.friction + 0.0 * u.drive',
-     "the derivative of heat depends on u.friction, too"),
+     "the derivative of heat also depends on u.friction"),
     ('"fin_rate", 24.0', '"fin_rate", 24.0, 0.5', "its breakaway is 0.5; it must be 1 or above"),
     ('"fin_rate", 24.0', '"fin_rate", -24.0', "its torque is -24; it must be 0 or above"),
     ("1.0, 2.0)", "1.0, -2.0)", "Limit drive: its low limit 2 is above the high one, -2"),
