@@ -12,7 +12,8 @@ from ..errors import called_from
 from .base import Value
 from .floats import FLOATS, FloatOps
 
-_FUNCTIONS = ("sin", "cos", "tan", "atan", "exp", "log", "sqrt", "fabs", "floor", "power_of_two", "exponent")
+_FUNCTIONS = ("sin", "cos", "tan", "atan", "exp", "log", "sqrt", "fabs", "floor", "power_of_two", "exponent",
+              "pow")
 _OPERATORS = {"add": "+", "sub": "-", "mul": "*", "truediv": "/"}
 
 
@@ -40,8 +41,8 @@ class LocatedFloats(FloatOps):
 
     def __init__(self, path: Path) -> None:
         for name in _FUNCTIONS:
-            setattr(self, name, partial(_result, path, f"{name}({{:g}})", getattr(FLOATS, name)))
-        setattr(self, "pow", partial(_result, path, "pow({:g}, {:g})", FLOATS.pow))  # noqa: B010 - as those above
+            operands = "{:g}, {:g}" if name == "pow" else "{:g}"
+            setattr(self, name, partial(_result, path, f"{name}({operands})", getattr(FLOATS, name)))
 
 
 def _result(path: Path, template: str, function: Callable[..., float], *operands: Value) -> LocatedFloat:

@@ -52,7 +52,7 @@ class Motion(NamedTuple):
     felt: Value
 
 
-def _chosen(ops: Ops, pair: tuple[Value, Value], direction: Value) -> Value:
+def _along(ops: Ops, pair: tuple[Value, Value], direction: Value) -> Value:
     return ops.where(direction > 0.0, pair[0], pair[1])
 
 
@@ -60,21 +60,21 @@ def _driving(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value, Value]:
     """Return torque [N.m] and inertia [kg.m2] of the screw's motion, and the rotor's torque without the clutch."""
     rotor = t.rotor_torque - m.rotor * t.dry
     joined = ops.equal(m.clutch, 0.0)
-    net = t.screw_torque - m.screw * _chosen(ops, t.sliding, m.screw) + ops.where(joined, rotor, m.clutch * t.capacity)
+    net = t.screw_torque - m.screw * _along(ops, t.sliding, m.screw) + ops.where(joined, rotor, m.clutch * t.capacity)
     return net, t.screw + ops.where(joined, t.rotor, 0.0), rotor
 
 
-def _felt(ops: Ops, t: Train, m: Motion) -> Motion:
+def _with_load_factor(ops: Ops, t: Train, m: Motion) -> Motion:
     """Return the motion with its e: the forward value if the screw drives the load, else the backward one."""
     net, inertia, _ = _driving(ops, t, m)
-    against = (t.behind_inertia * net + inertia * _chosen(ops, t.load, m.screw)) * m.screw > 0.0
+    against = (t.behind_inertia * net + inertia * _along(ops, t.load, m.screw)) * m.screw > 0.0
     return m._replace(felt=ops.where(against, t.forward, t.backward))
 
 
 def accelerations(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value]:
     """Return d/dt of the speeds of screw and rotor [rad/s2], equal while the clutch holds."""
     net, inertia, rotor = _driving(ops, t, m)
-    screw_rate = (net - m.felt * _chosen(ops, t.load, m.screw)) / (inertia + m.felt * t.behind_inertia)
+    screw_rate = (net - m.felt * _along(ops, t.load, m.screw)) / (inertia + m.felt * t.behind_inertia)
     screw_rate = ops.where(ops.equal(m.screw, 0.0), 0.0, screw_rate)
     rotor_rate = ops.where(ops.equal(m.rotor, 0.0), 0.0, (rotor - m.clutch * t.capacity) / t.rotor)
     return screw_rate, ops.where(ops.equal(m.clutch, 0.0), screw_rate, rotor_rate)
@@ -83,7 +83,7 @@ def accelerations(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value]:
 def transmitted(ops: Ops, t: Train, m: Motion) -> Value:
     """Return the load L [N.m] behind a screw that turns."""
     rate, _ = accelerations(ops, t, m)
-    return t.behind_inertia * rate + _chosen(ops, t.load, m.screw)
+    return t.behind_inertia * rate + _along(ops, t.load, m.screw)
 
 
 def _between(ops: Ops, t: Train) -> tuple[Value, Value]:
@@ -113,14 +113,14 @@ def motion(ops: Ops, t: Train, screw_speed: Value, rotor_speed: Value) -> Motion
     applied = t.screw_torque + t.behind + t.rotor_torque
     starts = start(ops, applied, t.high + t.dry, t.low - t.dry)
     way = ops.where(ops.equal(turns, 0.0), starts, turns)
-    joined = _felt(ops, t, Motion(way, way, 0.0, 0.0))
+    joined = _with_load_factor(ops, t, Motion(way, way, 0.0, 0.0))
     slip = ops.where(ops.equal(slip, 0.0), start(ops, held(ops, t, joined), t.capacity, -t.capacity), slip)
     # Rotor and screw as two bodies, under the torque of the slipping clutch.
     pushed = slip * t.capacity
     screw_way = ops.where(ops.equal(turns, 0.0), start(ops, t.screw_torque + t.behind + pushed, t.high, t.low), turns)
     rotor_way = ops.sign(rotor_speed)
     rotor_way = ops.where(ops.equal(rotor_way, 0.0), start(ops, t.rotor_torque - pushed, t.dry, -t.dry), rotor_way)
-    apart = _felt(ops, t, Motion(screw_way, rotor_way, slip, 0.0))
+    apart = _with_load_factor(ops, t, Motion(screw_way, rotor_way, slip, 0.0))
     return Motion(*(ops.where(ops.equal(slip, 0.0), one, other) for one, other in zip(joined, apart, strict=True)))
 
 

@@ -24,7 +24,7 @@ def moment(ops: Ops, p: Any, angle: Value, u: Record) -> Value:
     return mechanics.external_moment(ops, forkless, tangent, u.replace(aero_torque=u.aero_torque - bar))
 
 
-def _pushed(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Value:
+def _acceleration(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Value:
     """Return the acceleration [rad/s2] over `h` [s] by the midpoint rule; 0 for a fin at rest that friction holds."""
     dry, viscous = mechanics.hinge_friction(p)
     way = ops.where(rate > 0.0, 1.0, ops.where(rate < 0.0, -1.0, ops.where(torque > 0.0, 1.0, -1.0)))
@@ -37,13 +37,13 @@ def _pushed(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Value:
 def advance(ops: Ops, p: Any, angle: Value, rate: Value, u: Record, h: Value) -> tuple[Value, Value]:
     """Return angle [rad] and rate [rad/s] of the fin after `h` [s]; friction or a stop may bring it to rest."""
     torque = moment(ops, p, angle + 0.5 * h * rate, u)
-    first = _pushed(ops, p, torque, rate, h)
+    first = _acceleration(ops, p, torque, rate, h)
     turns = rate * (rate + h * first) < 0.0
     until = ops.where(turns, ops.clip(-rate / ops.where(ops.fabs(first) > _TINY, first, _TINY), 0.0, h), h)
     middle = angle + until * (rate + 0.5 * until * first)
     there = ops.where(turns, 0.0, rate + until * first)
     rest = h - until
-    second = ops.where(turns, _pushed(ops, p, torque, 0.0, rest), 0.0)
+    second = ops.where(turns, _acceleration(ops, p, torque, 0.0, rest), 0.0)
     end, speed = middle + 0.5 * rest * rest * second, there + rest * second
     stop = p.fin.stop_angle
     stopped = ops.either(ops.both(end >= stop, speed > 0.0), ops.both(end <= -stop, speed < 0.0))

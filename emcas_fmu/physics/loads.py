@@ -98,7 +98,7 @@ def hinge_moment(ops: Ops, p: Any, tangent: Value, u: Any) -> Value:
 
     def weight() -> Value:
         s_x, s_z = _first_moments(p)
-        return _turned((cos_0 * s_x - sin_0 * s_z, sin_0 * s_x + cos_0 * s_z), *lever(), u)
+        return _weight_moment((cos_0 * s_x - sin_0 * s_z, sin_0 * s_x + cos_0 * s_z), *lever(), u)
 
     def angle() -> tuple[Value, Value]:
         cosine, sine = lever()
@@ -112,7 +112,7 @@ def hinge_moment_at(ops: Ops, p: Any, fin_angle: Value, u: Any) -> Value:
     def angle() -> tuple[Value, Value]:
         return ops.cos(fin_angle), ops.sin(fin_angle)
 
-    return _moment(ops, p, u, 0.0 * fin_angle, lambda: _turned(_first_moments(p), *angle(), u), angle)
+    return _moment(ops, p, u, 0.0 * fin_angle, lambda: _weight_moment(_first_moments(p), *angle(), u), angle)
 
 
 def _moment(ops: Ops, p: Any, u: Any, nothing: Value, weight: Callable[[], Value],
@@ -144,7 +144,7 @@ def _first_moments(p: Any) -> tuple[Value, Value]:
             mass.fin * centers.fin.z + mass.shaft * centers.shaft.z + mass.fork * centers.fork.z)
 
 
-def _turned(moments: tuple[Value, Value], cosine: Value, sine: Value, u: Any) -> Value:
+def _weight_moment(moments: tuple[Value, Value], cosine: Value, sine: Value, u: Any) -> Value:
     """Return the y component of r x m f [N.m] of first moments [kg.m] turned about +y."""
     u_x, u_z = moments
     r_x, r_z = cosine * u_x + sine * u_z, cosine * u_z - sine * u_x

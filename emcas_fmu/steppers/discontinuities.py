@@ -172,8 +172,6 @@ class System:
         system = Switched(self._mode, self._rates, self._margins, self._landed, check=self._check)
         self.step = system.step(lambda ops, p: p)
 
-    # -- the values that equations read -----------------------------------------
-
     def smooth(self, ops: Ops, p: Any, x: Record, u: Record) -> Values:
         """Return d/dt of the states for linear analysis, without frictions, stops and gaps."""
         for limit in self._limits:
@@ -270,8 +268,6 @@ class System:
         if other := [each for each in free if each != rate and above[each] != free[each]]:
             raise EmcasError(f"Coulomb {name}: the derivative of {other[0]} also depends on u.{name}; for "
                              "friction of rigidly coupled bodies declare a step function instead of discontinuities")
-
-    # -- a mode, which holds for a step -----------------------------------------
 
     def _mode(self, ops: Ops, p: Any, x: Record, u: Record, h: Value) -> Record:
         u, limits = self._limited(ops, p, x, u)

@@ -87,14 +87,14 @@ def _electric_end(ops: Ops, p: Any, s: Pair, d: Any, e: _Electric, speed: Value,
     return current, integral_end(ops, p, s, d, mean, current, 2.0 * speed - s.motor_speed, h)
 
 
-def _beyond(ops: Ops, torque: Value, high: Value, low: Value) -> tuple[Value, Value]:
+def _net_torque(ops: Ops, torque: Value, high: Value, low: Value) -> tuple[Value, Value]:
     """Return the net torque [N.m] beyond stiction between `low` and `high`, and its direction."""
     net = ops.where(torque > high, torque - high, ops.where(torque < low, torque - low, 0.0))
     return net, ops.where(torque > high, 1.0, ops.where(torque < low, -1.0, 0.0))
 
 
-def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value,
-              at: Value | None = None) -> Pair:
+def _state_after(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value,
+                 at: Value | None = None) -> Pair:
     """Return the state after `h` [s] if the mode holds.
 
     With mean speeds W and U the midpoint rules are
@@ -107,16 +107,16 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
     """
     if at is None:
         at = friction_speed(ops, p, s, lambda: 0.5 * (
-            s.motor_speed + _advanced(ops, p, c, s, acting, mode, h, s.motor_speed).motor_speed))
+            s.motor_speed + _state_after(ops, p, c, s, acting, mode, h, s.motor_speed).motor_speed))
     if not screw.lossy(p):
-        return _solved(ops, p, c, s, acting, mode, h, at)[0]
+        return _solution(ops, p, c, s, acting, mode, h, at)[0]
     # The load L on the screw grows with W, whatever the friction at the fin. For either value of e the left side of the
     # rotor's row also grows with W while 2 J/h + b + K_t K_e' + e k > 0: the sign of L is then the same with both
     # values. A screw that locks, e < 0, needs steps that are short enough (:func:`longest_step`).
     # If `at` is against the motor's direction, the efficiencies are those at rest.
     along = ops.where(at * s.motor_speed < 0.0, 0.0, at) if screw.falls(p) else at
     (driving, load, way), (driven, _, _) = (
-        _solved(ops, p, c, s, acting, mode, h, at, e(ops, p, along)) for e in (screw.forward, screw.backward))
+        _solution(ops, p, c, s, acting, mode, h, at, e(ops, p, along)) for e in (screw.forward, screw.backward))
     forward = load * way > 0.0
     return Pair(*(ops.where(forward, x, y) for x, y in zip(driving, driven, strict=True)))
 
@@ -130,9 +130,9 @@ def longest_step(ops: Ops, p: Any, c: drive_line.Line, most: float) -> Value:
     return 2.0 * inertia / (damped + ops.sqrt(damped * damped + locking * c.stiffness * inertia))
 
 
-def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value, at: Value,
-            felt: Value | None = None) -> tuple[Pair, Value, Value]:
-    """Return the end of :func:`_advanced`, the load on the screw [N.m] and the rotor's direction (-1, 0, 1).
+def _solution(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value, at: Value,
+              felt: Value | None = None) -> tuple[Pair, Value, Value]:
+    """Return the end of :func:`_state_after`, the load on the screw [N.m] and the rotor's direction (-1, 0, 1).
 
     If the load acts on the rotor with a factor e (`felt`), the rotor's row of the equations is
 
@@ -168,14 +168,14 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
     sliding = ops.where(s.fin_side_speed > 0.0, hinge, -hinge)
 
     # The fin's mean speed while the rotor rests, and the direction in which the torque then starts the rotor.
-    free, _ = _beyond(ops, r_2, high, low)
+    free, _ = _net_torque(ops, r_2, high, low)
     fin_alone = ops.where(fin_rests, free, r_2 - sliding) / (alone_2 + k)
     if felt is None:
-        _, started = _beyond(ops, r_1 + k * fin_alone, up, down)
+        _, started = _net_torque(ops, r_1 + k * fin_alone, up, down)
     else:
         resting = spring - k * fin_alone - body_force()  # the load on the screw of a rotor at rest
-        _, started = _beyond(ops, ((driving + body_force()) - spring) + k * fin_alone,
-                             up + screw.hold(ops, p, resting, 1.0), down - screw.hold(ops, p, resting, -1.0))
+        _, started = _net_torque(ops, ((driving + body_force()) - spring) + k * fin_alone,
+                                 up + screw.hold(ops, p, resting, 1.0), down - screw.hold(ops, p, resting, -1.0))
     way = ops.where(rotor_rests, started, ops.where(s.motor_speed > 0.0, 1.0, -1.0))
     rotor_held = ops.equal(way, 0.0)
 
@@ -186,7 +186,7 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
     # The rotor's mean speed while the fin rests; a rotor at rest starts only in the direction of its torque.
     rotor_alone = n_1 / (alone_1 + at_rotor(k))
     rotor_alone = ops.where(ops.both(rotor_rests, rotor_alone * way < 0.0), 0.0, rotor_alone)
-    _, pushed = _beyond(ops, r_2 + k * rotor_alone, high, low)
+    _, pushed = _net_torque(ops, r_2 + k * rotor_alone, high, low)
     fin_held = ops.both(fin_rests, ops.equal(pushed, 0.0))
     n_2 = r_2 - ops.where(fin_rests, ops.where(pushed > 0.0, high, low), sliding)
     # The terms with k^2 are left out: they cancel.
@@ -233,7 +233,7 @@ def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Valu
     electric = electrical_mode(ops, p, s, acting, h)
 
     def ahead() -> tuple[Value, ...]:
-        free = _advanced(ops, p, c, s, acting, _Mode(False, 0.0, electric), h)
+        free = _state_after(ops, p, c, s, acting, _Mode(False, 0.0, electric), h)
         return ((free.motor_angle - free.fin_side_angle - flank) * flank > 0.0,)
 
     met = ops.both(c.loose, ops.both(pressed, ops.fabs(deflection - flank) <= drive_line.MET))
@@ -242,7 +242,7 @@ def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Valu
         return _Mode(pressed, flank, electric)
 
     def accelerated() -> tuple[Value, ...]:
-        speed = _advanced(ops, p, c, s, acting, _Mode(pressed, flank, electric), h).motor_speed
+        speed = _state_after(ops, p, c, s, acting, _Mode(pressed, flank, electric), h).motor_speed
         return tuple(electrical_mode(ops, p, s, acting, h, lambda: (speed - s.motor_speed) / h))
 
     electric = ElectricalMode(*ops.branch(p.motor.pole_pairs > 0.0, accelerated, lambda: tuple(electric)))
@@ -255,7 +255,7 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
     h = resolved_step(ops, p, s, acting, h)
     c = drive_line.line(ops, p, s.fin_side_angle + 0.5 * h * s.fin_side_speed)
     mode = _mode(ops, p, c, s, acting, h)
-    whole = _advanced(ops, p, c, s, acting, mode, h)
+    whole = _state_after(ops, p, c, s, acting, mode, h)
     before, after = _margins(ops, p, c, s, s, mode), _margins(ops, p, c, s, whole, mode)
 
     # A margin that is 0 at the start causes no event, except at a stop towards which the fin moves.
@@ -264,12 +264,12 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
     lost = {name: ops.both(after[name] <= 0.0, outward.get(name, y > 0.0)) for name, y in before.items()}
 
     def margins(time: Value) -> Values:
-        return _margins(ops, p, c, s, _advanced(ops, p, c, s, acting, mode, time), mode)
+        return _margins(ops, p, c, s, _state_after(ops, p, c, s, acting, mode, time), mode)
 
     def to_event() -> tuple[Value, ...]:
         leaving = ops.where(mode.pressed, _LEAVING, PROGRESS)
         used, happens, *_ = first_event(ops, h, before, after, lost, margins, {"contact": leaving})
-        part = _advanced(ops, p, c, s, acting, mode, used)
+        part = _state_after(ops, p, c, s, acting, mode, used)
         upper, lower = happens["upper stop"], happens["lower stop"]
         low_stop, high_stop = stops(ops, p)
         fin_stops = ops.either(happens["fin"], ops.either(upper, lower))

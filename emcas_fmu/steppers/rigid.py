@@ -356,7 +356,7 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
                           motor_speed=ops.where(rests, 0.0, part.motor_speed)), used
 
 
-def _follow(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None) -> tuple[Value, ...]:
+def _step_to_event(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None) -> tuple[Value, ...]:
     step = _step(ops, p, s, u, h, heading)
     e = _events(ops, p, s, step, heading)
     any_motion = ops.either(ops.either(e.up, e.down), ops.either(e.reversing, e.stopping))
@@ -368,17 +368,17 @@ def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Val
     """Return the state after `h` [s] or at the first event in that time, and the time that has passed [s]."""
     s = s._replace(**switched(ops, s, u.enabled))
     if p.structure.current != "loop":
-        *plant, used = _headed(ops, p, s, u, h)
+        *plant, used = _by_direction(ops, p, s, u, h)
     else:  # two versions of the code; the second, in which the supply is the voltage limit, is short
         fixed = with_values(p, {"motor.pole_pairs": 0})
         *plant, used = ops.branch(p.motor.pole_pairs > 0.0,
-                                  lambda: _headed(ops, p, s, u, resolved_step(ops, p, s, u, h)),
-                                  lambda: _headed(ops, fixed, s, u, h))
+                                  lambda: _by_direction(ops, p, s, u, resolved_step(ops, p, s, u, h)),
+                                  lambda: _by_direction(ops, fixed, s, u, h))
     return Plant(*plant), used
 
 
-def _headed(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Value, ...]:
+def _by_direction(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Value, ...]:
     """Return the result of :func:`advance` for a motor that turns or is at rest."""
     return ops.branch(ops.fabs(s.motor_speed) > 0.0,
-                      lambda: _follow(ops, p, s, u, h, ops.where(s.motor_speed > 0.0, 1.0, -1.0)),
-                      lambda: _follow(ops, p, s, u, h, None))
+                      lambda: _step_to_event(ops, p, s, u, h, ops.where(s.motor_speed > 0.0, 1.0, -1.0)),
+                      lambda: _step_to_event(ops, p, s, u, h, None))

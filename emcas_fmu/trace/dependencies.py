@@ -43,23 +43,23 @@ def dependencies(tracer: Tracer, name: str, arguments: Sequence[Known], fixed: M
     (function,) = (f for f in tracer.functions if f.name == name)
     known = {**fixed, **dict(zip(function.printed, arguments, strict=True))}
     _follow(function.block, known)
-    return [_of(known, value) for value in function.results]
+    return [_look_up(known, value) for value in function.results]
 
 
-def _of(known: Mapping[str, Known], value: Operand) -> Known:
+def _look_up(known: Mapping[str, Known], value: Operand) -> Known:
     return known[value.name] if isinstance(value, Expr) else Known(float(value), float(value))
 
 
 def _follow(block: Block, known: dict[str, Known]) -> None:
     for statement in block.statements:
         if isinstance(statement, Assign):
-            known[statement.name] = _assigned(statement, [_of(known, operand) for operand in statement.operands])
+            known[statement.name] = _assigned(statement, [_look_up(known, operand) for operand in statement.operands])
             continue
         _follow(statement.yes, known)
         _follow(statement.no, known)
-        condition = _of(known, statement.condition)
+        condition = _look_up(known, statement.condition)
         for name, yes, no in zip(statement.names, statement.yes_values, statement.no_values, strict=True):
-            known[name] = _chosen(condition, _of(known, yes), _of(known, no))
+            known[name] = _chosen(condition, _look_up(known, yes), _look_up(known, no))
 
 
 def _chosen(condition: Known, yes: Known, no: Known) -> Known:

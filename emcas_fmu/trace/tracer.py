@@ -197,8 +197,6 @@ class Tracer(Derived):
         known = [operation for operation in vars(Ops) if not operation.startswith("_")]
         raise AttributeError(f"ops has no {name}{hint(name, known)}; it has {', '.join(known)}")
 
-    # -- leaves and functions ------------------------------------------------
-
     def parameter(self, key: str) -> Expr:
         """Return a parameter of the program, with the name `key` in the mapping that the caller passes to `make`."""
         name = f"p{len(self.parameters)}"
@@ -212,8 +210,6 @@ class Tracer(Derived):
         results = tuple(body(*(Expr(self._itself, argument, False) for argument in printed)))
         self._scope = self._first
         self.functions.append(Traced(name, arguments, printed, scope.block, results))
-
-    # -- operations ----------------------------------------------------------
 
     def emit(self, operation: str, *operands: Value) -> Expr:
         """Return the value of an operation, which is recorded unless it has been recorded before."""
