@@ -148,7 +148,7 @@ class ParameterSet:
 
 
 def shipped_file(kind: str, model: str) -> Path:
-    """Return the path of models/KIND/NAME.toml, NAME being `model` or else its actuator; or else models/KIND.toml."""
+    """Return the first path that exists: models/KIND/MODEL.toml, models/KIND/ACTUATOR.toml, else models/KIND.toml."""
     named = (models_directory() / kind / f"{name}.toml" for name in (model, parts(model)[0]))
     return next((path for path in named if path.is_file()), models_directory() / f"{kind}.toml")
 

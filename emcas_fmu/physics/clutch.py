@@ -8,7 +8,7 @@
 v comes from the amplifier on a supply V. A negative v is the suppressor's, which absorbs the coil's energy, since the
 amplifier returns no current to the supply. phi is the flux, expressed as the steady coil current that holds it; it lags
 because of eddy currents in the body. C is the torque at which the clutch slips at any slip speed, r its share that
-remains without current. F_k s_k is the heat of slipping, which one body with all clutches absorbs. In data sheets of
+remains without current. F_k s_k is the heat of slipping, which the body of all clutches absorbs. In data sheets of
 magnetic particle clutches the torque is proportional to the current at any slip speed. Data sheets of friction clutches
 have only the rated point: for these the proportion is an engineering choice.
 """

@@ -22,7 +22,7 @@ NAMES = ("screw", "motor", "with", "against")
 _SHARES = ((1.0, 0.0), (0.0, 1.0), (-1.0, 1.0), (-1.0, -1.0))  # (l_k, m_k)
 # For each friction the direction (w, m) of a motion in which it sticks: l_k w + m_k m = 0.
 _ALONG = ((0.0, 1.0), (1.0, 0.0), (1.0, 1.0), (1.0, -1.0))
-# A direction in each of the eight sectors between these directions; in a sector no sliding speed is zero.
+# A direction in each of the eight sectors between those of _ALONG; in a sector no sliding speed is zero.
 _SECTORS = ((2.0, 1.0), (1.0, 2.0), (-1.0, 2.0), (-2.0, 1.0), (-2.0, -1.0), (-1.0, -2.0), (1.0, -2.0), (2.0, -1.0))
 
 

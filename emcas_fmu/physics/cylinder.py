@@ -87,5 +87,5 @@ def pressure_rates(p: Any, c: Linkage, fin_rate: Value, pressure_1: Value, press
 
 
 def makeup(ops: Ops, p: Any, pressure: Value, refill: Value, open_: Value) -> Value:
-    """Return the flow [m3/s] through a check valve into a chamber at `pressure` [Pa]; it opens below `refill` [Pa]."""
+    """Return the flow [m3/s] through a check valve, which opens below `refill`, into a chamber at `pressure` [Pa]."""
     return ops.where(open_, p.check_valve.conductance * (refill - pressure), 0.0)

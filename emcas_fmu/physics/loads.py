@@ -9,8 +9,8 @@ x axis; the hinge is at r = (mounting.station, 0, 0) from it:
     W = R_x(azimuth) w        A = R_x(azimuth) w'              the vehicle's rotation in the fin's frame
 
 The force on a mass m at r from the hinge is m (f - A x r - W x (W x r) - 2 W x v). The first term acts at the centres
-of mass, turned by the fin angle d. For the other terms the turning parts are taken as a plate through the hinge: a mass
-at s along the chord is at r = (s cos d, 0, -s sin d), and with J = sum m s^2, the inertia about the hinge,
+of mass, turned by the fin angle d. In the other terms the turning parts count as a plate through the hinge: a mass at
+s along the chord is at r = (s cos d, 0, -s sin d), and with J = sum m s^2, the inertia about the hinge,
 
     -y . r x (W x (W x r)) = (W . r) (x W_z - z W_x) = s^2 ((W_x^2 - W_z^2) sin d cos d + W_x W_z cos 2d)
     -y . r x (A x r)       = -s^2 A_y
@@ -19,8 +19,8 @@ at s along the chord is at r = (s cos d, 0, -s sin d), and with J = sum m s^2, t
     T_inertial = y . sum r_i x m_i f + J ((W_x^2 - W_z^2) sin d cos d + W_x W_z cos 2d - A_y)
     P_n = m_nut f_x
 
-A steady roll thus turns the fin away from zero. Neglected are products of inertia with the coordinate y along the
-hinge, the parts' thickness, and the nut's distance from the hinge. The largest neglected moment is m s y cos d A_x. For
+A steady roll thus turns the fin away from zero. Products of inertia with the coordinate y along the hinge, the parts'
+thickness, and the nut's distance from the hinge are neglected. The largest neglected moment is m s y cos d A_x. For
 the default fin (3 kg, s = -0.03 m) and an assumed y = 0.2 m it is -9 N.m at 500 rad/s2; a host may add it to
 aero_torque. Rotor and screw turn about body x (:func:`emcas_fmu.physics.mechanics.rotor_torque`).
 """

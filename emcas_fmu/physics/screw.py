@@ -60,7 +60,7 @@ def hold(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
 
 
 def held(ops: Ops, p: Any, m: Mechanics, high: Value, low: Value) -> tuple[Value, Value]:
-    """Return the torques [N.m] beyond which a rotor at rest starts: `high` and `low` with the friction by the load."""
+    """Return the torques [N.m] beyond which a rotor at rest starts: `high` and `low` plus the load's friction."""
     hinge = hinge_dry(p, m)
     return high + hold(ops, p, hinge - behind(m), 1.0), low - hold(ops, p, -hinge - behind(m), -1.0)
 

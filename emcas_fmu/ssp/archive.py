@@ -59,7 +59,7 @@ def _schema(namespace: str) -> Any:
 
 
 def violations(root: Any, namespace: str) -> list[str]:
-    """Return the document's violations of the schema of a namespace, SSD or SSV; empty if it is valid."""
+    """Return a document's violations of the schema of a namespace, SSD or SSV; the list is empty if it is valid."""
     schema = _schema(namespace)
     return [] if schema.validate(root) else [f"line {entry.line}: {entry.message}" for entry in schema.error_log]
 

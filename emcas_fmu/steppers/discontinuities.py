@@ -36,7 +36,7 @@ from .smooth import Derivatives
 Equation = Callable[[Ops, Any, Record, Record], Value] | str | float
 # The event margins of a limit are larger by this share of 1 + |limit|: they stay positive exactly at the limit.
 _WIDER = 1e-12
-_LINEAR = 1e-6  # relative tolerance of checked derivatives, which other, larger terms round
+_LINEAR = 1e-6  # relative tolerance of checked derivatives, for the rounding of their larger terms
 
 
 def _widening(ops: Ops, limit: Value) -> Value:
@@ -152,7 +152,7 @@ class System:
     """A plant with discontinuities; its smooth `derivatives` return d/dt of every state.
 
     Raises EmcasError if two frictions or two stops have the same rate, or if a friction or stop names a state that is
-    not among `states`. The first simulation raises EmcasError for the problems that `_check` lists.
+    not among `states`. The first simulation raises EmcasError if limits, torques or derivatives do not fit.
     """
 
     def __init__(self, derivatives: Derivatives, discontinuities: Sequence[Discontinuity], states: Sequence[str]
@@ -226,8 +226,8 @@ class System:
         return acceleration - rates[body.rate], torque, _value(body.friction.breakaway, ops, p, x, u)
 
     def _check(self, ops: Ops, p: Any, x: Record, u: Record) -> None:
-        """Raise EmcasError for a limit or gap that no derivative reads or whose low limit is above the high one, for a
-        stop not above 0 or of a wrong derivative, and for a friction that :meth:`_check_friction` refuses."""
+        """Raise EmcasError for a limit or gap that no derivative reads or whose low limit is above its high limit, for
+        a stop that is not above 0 or whose rate is not the angle's derivative, and for a friction that does not fit."""
         u, read = _reading(u)
         u, limits = self._limited(ops, p, x, u)
         rates = self._free(ops, p, x, u)

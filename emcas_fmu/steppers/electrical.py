@@ -155,7 +155,7 @@ def rates(ops: Ops, p: Any, d: ElectricalMode, s: Any) -> dict[str, Value]:
 
 
 def integral_end(ops: Ops, p: Any, d: ElectricalMode, s: Any) -> Value:
-    """Return the drive integral [V] at the end `s` of a step, with which a demand that stays at the limit is at it."""
+    """Return the drive integral [V] at the end `s` of a step; it puts a demand that stays at the limit there."""
     at_limit = d.side * d.limit_at(ops, p, s.motor_speed, s.motor_current) - p.drive.kp * (d.i_ref - s.motor_current)
     return ops.where(d.enabled, ops.where(d.stays > 0.0, at_limit, s.drive_integral), 0.0)
 

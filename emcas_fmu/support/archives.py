@@ -12,8 +12,8 @@ from pathlib import Path
 
 from ..errors import EmcasError, unreadable
 
-# Limits of an archive. An FMU of this package for five platforms, with references, has 50 files of 2 MB, compressed to
-# a third; FMUs of others, with tables and documentation, are up to a hundred times larger.
+# Limits of an archive. An FMU of this package for five platforms, with references, has 50 files with 2 MB in all,
+# compressed to a third; FMUs of others, with tables and documentation, are up to a hundred times larger.
 MOST_ENTRIES = 10_000
 MOST_BYTES = 1 << 30  # of all entries, unpacked
 MOST_RATIO = 50  # of unpacked to packed size; text reaches 20

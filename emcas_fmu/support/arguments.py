@@ -31,7 +31,7 @@ _brief.maxstring = _brief.maxother = 60
 
 
 def checked(target: T) -> T:
-    """Return a function, or a class with such public methods, that first checks arguments by their annotations.
+    """Return a function, or a class with public methods, that first checks arguments by their annotations.
 
     A `float` must be finite. Text must be encodable and have no zero byte. An array must consist of numbers, finite or
     not. Each element of a collection is checked. A wrong argument raises ArgumentError with its name, its value and the
@@ -125,7 +125,7 @@ def _test(kind: Any) -> Test | None:
 
 
 def _elements(origin: Any, of: list[Test | None], length: int | None) -> Test:
-    """Return the test of a collection or mapping and its elements; text is no collection, an array one of numbers."""
+    """Return the test of a collection or mapping and its elements; text is none, an array a row of numbers."""
     def test(value: Any) -> bool:
         if hasattr(value, "ndim"):
             return of == [_is_finite] and value.ndim == 1 and all(map(_is_finite, value))

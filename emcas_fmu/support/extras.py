@@ -17,7 +17,7 @@ def absent(extra: str, what: str, *modules: str) -> str:
 
 
 def require(extra: str, what: str, *modules: str) -> None:
-    """Import modules of an extra, or if `extra` is empty packages. Raises EmcasError, "`what` ...", if that fails."""
+    """Import modules, of an `extra` or with "" of any package. Raises EmcasError, "`what` ...", if that fails."""
     for module in modules:
         try:
             import_module(module)

@@ -47,7 +47,7 @@ def as_given(file: Path | str) -> str:
 
 @cache
 def cache_directory() -> Path:
-    """Return a folder for compiled libraries: the user's cache, else a private folder for temporary files, announced.
+    """Return a folder for compiled libraries: the user's cache or else, with a warning, a private temporary folder.
 
     Files in it are executed: a folder that others may write to or replace is not used. Raises OSError if neither folder
     can be used.
