@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from make_tables import save
 
 from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
@@ -16,8 +16,7 @@ def main() -> None:
     analysis = analyse(load_parameters())
     for name, draw in PLOTS.items():
         with plots.style():
-            draw(analysis).figure.savefig(Path(__file__).parent / f"analysis_{name}.png", dpi=110, facecolor="white",
-                                          metadata={"Software": None})
+            save(draw(analysis).figure, f"analysis_{name}")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from make_tables import main, markdown
+from make_tables import main, markdown, save
 from matplotlib.ticker import FuncFormatter
 
 from emcas_fmu.figures import plots
@@ -56,7 +56,7 @@ def draw(runs: Sequence[Any]) -> None:
         real.set(ylabel="actuators that a core moves in real time")
         real.minorticks_off()
         real.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:,.0f}"))
-        figure.savefig(Path(__file__).with_name("batch.png"), dpi=110, facecolor="white", metadata={"Software": None})
+        save(figure, "batch")
 
 
 def ratios(runs: Sequence[Any]) -> str:

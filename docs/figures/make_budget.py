@@ -9,10 +9,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from math import degrees, pi, radians
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from make_tables import main, markdown, save
 
 from emcas_fmu.bench.excitation import step_to
 from emcas_fmu.bench.measure import Test, measure
@@ -23,8 +23,6 @@ from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.studies.report import budget
 from emcas_fmu.studies.report.outcome import Outcome, Rig
 
-FIGURES = Path(__file__).resolve().parent
-PAGE = FIGURES.parent / "model/accuracy.md"
 LOAD = 100.0  # N.m
 BASE = load_parameters("hinge-stiffness", model="elastic")
 FINE = 64  # times as many pulses: on the fin a count is then that of the motor's encoder
@@ -94,24 +92,18 @@ def _budget_of(parameters: ParameterSet) -> list[str]:
                       for group in largest)]
 
 
-def _table(rows: list[list[str]]) -> str:
-    return "\n".join(f"| {' | '.join(row)} |" for row in (rows[0], ["---"] * len(rows[0]), *rows[1:]))
+def budgets() -> str:
+    """Return the table of the budgets of ACTUATORS."""
+    return markdown(("", "as set", "root of the sum of squares", "worst case", "95 % of drawn actuators", "required",
+                     "largest terms, loaded"),
+                    ((name, *_budget_of(parameters)) for name, parameters in ACTUATORS.items()))
 
 
-def renewed(text: str) -> str:
-    """Return the text of the page with new tables."""
+def encoders() -> str:
+    """Return the table of the figures of SETS, in columns."""
     columns = {name: _column(parameters) for name, parameters in SETS.items()}
-    tables = {
-        "budgets": [["", "as set", "root of the sum of squares", "worst case", "95 % of drawn actuators",
-                     "required", "largest terms, loaded"],
-                    *([name, *_budget_of(parameters)] for name, parameters in ACTUATORS.items())],
-        "encoders": [["encoder of the position on the", *columns], *(
-            [name, *(column[name] for column in columns.values())] for name in next(iter(columns.values())))]}
-    for name, rows in tables.items():
-        head, begin, rest = text.partition(f"<!-- {name} -->\n")
-        _, end, tail = rest.partition(f"<!-- /{name} -->")
-        text = f"{head}{begin}\n{_table(rows)}\n\n{end}{tail}"
-    return text
+    return markdown(("encoder of the position on the", *columns),
+                    zip(next(iter(columns.values())), *(column.values() for column in columns.values()), strict=True))
 
 
 def _draw() -> None:
@@ -131,19 +123,13 @@ def _draw() -> None:
         rest.set(xlabel="time [s]", ylabel="angle - command [deg]", xlim=(3.0, 6.0), ylim=(-0.12, 0.12),
                  title="At rest at 1°, no dry friction about the hinge")
         loaded.legend(loc="lower right")
-        figure.savefig(FIGURES / "encoder_place.png", dpi=110, facecolor="white", metadata={"Software": None})
+        save(figure, "encoder_place")
 
 
-def main() -> None:
-    old = PAGE.read_text(encoding="utf-8")
-    new = renewed(old)
-    if "--check" in sys.argv:
-        if new != old:
-            print("docs/model/accuracy.md is stale: run python docs/figures/make_budget.py")
-        sys.exit(new != old)
-    PAGE.write_text(new, encoding="utf-8")
-    _draw()
-
+TABLES = {"model/accuracy.md": {"budgets": budgets, "encoders": encoders}}
 
 if __name__ == "__main__":
-    main()
+    check = "--check" in sys.argv[1:]
+    if not check:
+        _draw()
+    sys.exit(main(check, TABLES, "make_budget.py"))

@@ -13,10 +13,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from math import degrees, nan, radians
-from pathlib import Path
 
 import numpy as np
-from make_tables import main, markdown
+from make_tables import main, markdown, save
 
 from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation, slew_to, step_to, sweep
@@ -236,7 +235,7 @@ def ramps() -> str:
                            for figure in ("current", "supply power", "heat of the flanks"))), rows)
 
 
-def draw(path: Path) -> None:
+def draw() -> None:
     """Plot a step, rates against loads, frequency responses, and energy of the mission."""
     with plots.style():
         figure, axes = plots.figure(2, 2, height=3.0)
@@ -267,7 +266,7 @@ def draw(path: Path) -> None:
         energy.invert_yaxis()
         energy.set(title="energy of a mission of 15 s", xlabel="energy [kJ]")
         figure.legend(*step.get_legend_handles_labels(), loc="outside upper center", ncols=len(KINDS))
-        figure.savefig(path, dpi=110, facecolor="white", metadata={"Software": None})
+        save(figure, "comparison")
 
 
 DOCUMENTS = {"model/comparison.md": {"table2": table2, "motions": motions, "powers": powers, "failures": failures},
@@ -276,5 +275,5 @@ DOCUMENTS = {"model/comparison.md": {"table2": table2, "motions": motions, "powe
 if __name__ == "__main__":
     check = "--check" in sys.argv[1:]
     if not check:
-        draw(Path(__file__).parent / "comparison.png")
+        draw()
     sys.exit(main(check, DOCUMENTS, "make_comparison.py"))

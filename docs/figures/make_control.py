@@ -1,13 +1,15 @@
-"""Plot the effects of margins and feed-forward, and write the tables of docs/model/control.md."""
+"""Plot the effects of margins and feed-forward, and write the tables of docs/model/control.md, except that of kinds."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
+from functools import partial
 from math import degrees
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from make_tables import main, markdown, save
 
 from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.bench.linear.frequency import continuous_poles, margins
@@ -17,7 +19,6 @@ from emcas_fmu.figures import plots
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.simulation import simulate
 
-PAGE = Path(__file__).resolve().parents[1] / "model" / "control.md"
 THESIS = {"controller.position.setpoint_weight": 1.0}
 SETS: Mapping[str, ParameterSet] = {
     "shipped": load_parameters(),
@@ -90,21 +91,22 @@ def inertia_margins(parameters: ParameterSet, share: float) -> str:
     return f"{degrees(margin.phase):.1f}° / {margin.gain_db:.1f} dB" if nominal.stable else "unstable"
 
 
-def observer_table() -> list[list[str]]:
+def observer_table() -> str:
     """Return the table of the speed observer's bandwidths: margins for three inertias, and the load step [deg]."""
-    rows = [["", "bandwidth / 1/s", "inertia −25 %", "nominal inertia", "inertia +25 %", "deviation under 100 N·m / °"]]
+    rows = []
     for name in ("shipped", "load observer", "two degrees of freedom"):
         for bandwidth in (0.0, 150.0, 300.0, 800.0):
             parameters = filtered(name, "nonlinear", {BANDWIDTH: bandwidth})
             ((angle,),) = measure(LOAD, ParameterSubject(parameters), [{}], ("peak_angle",), ("maximum",))
             rows.append([name, f"{bandwidth:g}", *(inertia_margins(parameters, share) for share in (0.75, 1.0, 1.25)),
                          f"{degrees(angle):.3f}"])
-    return rows
+    return markdown(("", "bandwidth / 1/s", "inertia −25 %", "nominal inertia", "inertia +25 %",
+                     "deviation under 100 N·m / °"), rows)
 
 
-def notch_table() -> list[list[str]]:
+def notch_table() -> str:
     """Return the table of notches for a soft hinge: margins, damping of its mode, and the swing [deg] after a push."""
-    rows = [["", "notch", "margins", "damping of the mode", "swing 1.1 s after a push / °"]]
+    rows = []
     for name in ("shipped", "two degrees of freedom"):
         for notch, changes in (("none", {}), *((f"{hertz:g} Hz", {NOTCH: 2.0 * np.pi * hertz})
                                                for hertz in (65.0, 60.0, 55.0)),
@@ -118,15 +120,7 @@ def notch_table() -> list[list[str]]:
             swing = np.degrees(np.ptp(run["fin_angle"][run["time"] > 1.3]))
             rows.append([name, notch, f"{degrees(margin.phase):.1f}° / {margin.gain_db:.1f} dB" if linear.stable
                          else "unstable", f"{np.min(-modes.real / np.abs(modes)):.4f}", f"{swing:.2g}"])
-    return rows
-
-
-def with_table(text: str, name: str, rows: list[list[str]]) -> str:
-    """Return the text of a page whose table `name` has these rows."""
-    begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
-    head, tail = text.split(begin)[0], text.split(end)[1]
-    lines = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
-    return f"{head}{begin}\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines) + f"\n{end}{tail}"
+    return markdown(("", "notch", "margins", "damping of the mode", "swing 1.1 s after a push / °"), rows)
 
 
 def respond(parameters: ParameterSet, **inputs: Any) -> Mapping[str, Any]:
@@ -165,7 +159,7 @@ def draw_responses() -> None:
                 axes.plot(run["time"], np.degrees(run["fin_angle"]), color=color, label=name)
             axes.set(title=title, xlim=times, ylim=angles, xlabel="time [s]", ylabel="fin angle [deg]")
         plots.legend_above(picture)
-    picture.savefig(Path(__file__).parent / "two_degrees.png", dpi=150, facecolor="white", metadata={"Software": None})
+    save(picture, "two_degrees", 150)
 
 
 def between(share: float) -> ParameterSet:
@@ -174,15 +168,14 @@ def between(share: float) -> ParameterSet:
     return load_parameters().with_values({name: low[name] ** (1.0 - share) * high[name] ** share for name in GAINS})
 
 
-def main() -> None:
-    measured = {name: figures(parameters) for name, parameters in SETS.items()}
-    header = ["", *next(iter(measured.values()))]
-    rows = [[name, *(f"{value:.3g}" for value in row.values())] for name, row in measured.items()]
-    text = PAGE.read_text(encoding="utf-8")
-    for name, table in (("margins", [header, *rows]), ("observers", observer_table()), ("notches", notch_table())):
-        text = with_table(text, name, table)
-    PAGE.write_text(text, encoding="utf-8")
+def margin_table(measured: Mapping[str, Mapping[str, float]]) -> str:
+    """Return the table of the figures of each set."""
+    return markdown(("", *next(iter(measured.values()))),
+                    ((name, *(f"{value:.3g}" for value in row.values())) for name, row in measured.items()))
 
+
+def draw_margins(measured: Mapping[str, Mapping[str, float]]) -> None:
+    """Plot the deviation under a load step against the phase margin, with and without a load observer."""
     with plots.style():
         picture, ((axes,),) = plots.figure(1, height=3.4, width=6.4)
         for observer, color, label in ((0.0, plots.BLUE, "shipped loops"),
@@ -200,9 +193,12 @@ def main() -> None:
                       label=name.strip("`"))
         axes.set(xlabel="phase margin at the drive's reference [deg]", ylabel="deviation under 100 N·m [deg]")
         axes.legend()
-    picture.savefig(Path(__file__).parent / "control.png", dpi=150, facecolor="white", metadata={"Software": None})
-    draw_responses()
+    save(picture, "control", 150)
 
 
 if __name__ == "__main__":
-    main()
+    of_sets = {name: figures(parameters) for name, parameters in SETS.items()}
+    draw_margins(of_sets)
+    draw_responses()
+    sys.exit(main(False, {"model/control.md": {"margins": partial(margin_table, of_sets), "observers": observer_table,
+                                               "notches": notch_table}}, "make_control.py"))

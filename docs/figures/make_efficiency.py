@@ -6,13 +6,12 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from math import cos, pi, radians
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from make_tables import main, markdown, save
 
 from emcas_fmu.bench.excitation import reference_case
 from emcas_fmu.bench.metrics import sustained_rate
@@ -20,14 +19,12 @@ from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 
-FIGURES = Path(__file__).resolve().parent
 MODEL = "nonlinear+efficiency"
 LOAD = 100.0  # N.m
 RATE, REACH = 100.0, 10.0  # deg/s, deg on both sides of zero
 BASE = load_parameters(model=MODEL)
 # Efficiencies (forward, backward); backward = 2 - 1/forward.
 SCREWS = ((1.0, 1.0), (0.9, 0.889), (0.7, 0.571), (0.5, 0.0))
-_MARKED = re.compile(r"(<!-- strokes -->\n).*?(<!-- /strokes -->)", re.DOTALL)
 
 
 def _run(screw: tuple[float, float], command: Any, torque: float, stop: float, **more: Any) -> dict[str, Any]:
@@ -72,16 +69,10 @@ def _rate(screw: tuple[float, float]) -> str:
 def strokes() -> str:
     """Return the table of docs/model/efficiency.md."""
     head = ["forward / backward", *(f"{way}: {figure}" for way in ("against", "with") for figure in (
-        "current", "bus power", "screw loss", "energy from the bus")), "holding current",
-            "rate of a slew against"]
+        "current", "bus power", "screw loss", "energy from the bus")), "holding current", "rate of a slew against"]
     rows = [[f"{screw[0]:g} / {screw[1]:g}", *_stroke(screw, -LOAD), *_stroke(screw, LOAD), _holding(screw),
              _rate(screw)] for screw in SCREWS]
-    return "\n".join(f"| {' | '.join(row)} |" for row in [head, ["---"] * len(head), *rows])
-
-
-def renewed(text: str) -> str:
-    """Return the text of the page with a new table."""
-    return _MARKED.sub(lambda match: f"{match[1]}\n{strokes()}\n\n{match[2]}", text)
+    return markdown(head, rows)
 
 
 def _move(time: float) -> float:
@@ -104,22 +95,13 @@ def _draw() -> None:
         axes[0][0].set_ylabel("motor current [A]")
         axes[1][0].set_ylabel("bus power [kW]")
         axes[0][1].legend(loc="upper right")
-        figure.savefig(FIGURES / "efficiency.png", dpi=110, facecolor="white", metadata={"Software": None})
+        save(figure, "efficiency")
 
 
-def main(check: bool) -> int:
-    """Write page and figure, or with `check` print a message if the page is stale. Return the exit code: 1 if it is."""
-    path = FIGURES.parent / "model/efficiency.md"
-    old = path.read_text(encoding="utf-8")
-    new = renewed(old)
-    if check:
-        if new != old:
-            print("docs/model/efficiency.md is stale: run python docs/figures/make_efficiency.py")
-        return int(new != old)
-    path.write_text(new, encoding="utf-8", newline="\n")
-    _draw()
-    return 0
-
+TABLES = {"model/efficiency.md": {"strokes": strokes}}
 
 if __name__ == "__main__":
-    sys.exit(main("--check" in sys.argv[1:]))
+    check = "--check" in sys.argv[1:]
+    if not check:
+        _draw()
+    sys.exit(main(check, TABLES, "make_efficiency.py"))

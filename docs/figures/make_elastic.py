@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from itertools import product
 from math import degrees, pi, sin, tan
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from make_tables import save
 
 from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
@@ -47,8 +47,7 @@ def _draw() -> None:
         axes[0][1].set(xlabel="indirect fin angle, through the motor [deg]", ylabel="direct less indirect [deg]",
                        title="Over the cycle")
         axes[0][1].legend(loc="center", bbox_to_anchor=(0.5, 0.62))
-        figure.savefig(Path(__file__).parent / "elastic_hysteresis.png", dpi=110, facecolor="white",
-                       metadata={"Software": None})
+        save(figure, "elastic_hysteresis")
 
 
 def _width(values: Any, step: float) -> float:

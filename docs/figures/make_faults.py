@@ -9,11 +9,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from math import radians
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from make_tables import main, markdown
+from make_tables import main, markdown, save
 
 from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.bench.excitation import Excitation, times
@@ -25,7 +24,6 @@ from emcas_fmu.figures import plots
 from emcas_fmu.motions import STEP
 from emcas_fmu.parameters import load_parameters
 
-HERE = Path(__file__).parent
 BEGIN, END, STOP = 0.2, 0.4, 0.6  # s
 LONG_STOP = 2.0  # s, end of the runs of detection() and failed_motor()
 LOAD, LOADS = 40.0, {"servo": 4.0}  # N.m, amplitude of the load, and others by name for weaker actuators
@@ -125,7 +123,7 @@ def _draw() -> None:
         for axis in axes[:, 0]:
             axis.set(ylabel="angle [deg]")
         figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-        figure.savefig(HERE / "faults.png", dpi=110, facecolor="white", metadata={"Software": None})
+        save(figure, "faults")
 
 
 if __name__ == "__main__":

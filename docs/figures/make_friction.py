@@ -11,18 +11,16 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from math import pi, radians, sin
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from make_tables import main, markdown
+from make_tables import main, markdown, save
 
 from emcas_fmu.bench.metrics import settling
 from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 
-HERE = Path(__file__).parent
 NONE = {f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") for n in range(7)}
 # Title, model, overrides, colour.
 CHOICES: tuple[tuple[str, str, Mapping[str, float], str], ...] = (
@@ -79,10 +77,6 @@ def table() -> str:
 TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {"model/friction.md": {"friction": table}}
 
 
-def _save(figure: Any, name: str) -> None:
-    figure.savefig(HERE / name, dpi=110, facecolor="white", metadata={"Software": None})
-
-
 def _tracking() -> None:
     with plots.style():
         figure, axes = plots.figure(1, 2, height=3.2, sharey=True)
@@ -95,7 +89,7 @@ def _tracking() -> None:
             axis.set(xlabel="time in the cycle [s]", title=f"Slow sine, {words}")
         axes[0][0].set(ylabel="tracking error [deg]")
         axes[0][1].legend(loc="upper right")
-        _save(figure, "friction_tracking.png")
+        save(figure, "friction_tracking")
 
 
 def _loops() -> None:
@@ -128,7 +122,7 @@ def _loops() -> None:
         axes[0][1].set(xlabel="motor speed [rad/s]", ylabel="friction torque [N·m]", title="Friction against speed",
                        xlim=(-5.0, 5.0))
         axes[0][1].legend(loc="lower right")
-        _save(figure, "friction_loops.png")
+        save(figure, "friction_loops")
 
 
 def _cost() -> None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from math import degrees, sin, tau
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from make_tables import save
 
 from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
@@ -15,7 +15,6 @@ from emcas_fmu.studies.analysis.envelope import draw, envelope
 
 MODEL = "nonlinear+heat"
 BASE = load_parameters(model=MODEL)
-FOLDER = Path(__file__).parent
 PERIOD, BUSY, STOP = 12.0, 6.0, 120.0  # s
 
 
@@ -49,7 +48,7 @@ def _duty_cycle() -> None:
         third.plot(time, run["case_temperature"], color=plots.BLUE, label="case")
         third.set(ylabel="temperature [°C]", xlabel="time [s]", xlim=(0.0, STOP))
         third.legend(loc="upper left", ncols=2)
-        figure.savefig(FOLDER / "heat_duty_cycle.png", dpi=110, facecolor="white", metadata={"Software": None})
+        save(figure, "heat_duty_cycle")
     start = np.flatnonzero(run["current_limit"] < BASE.values["drive.current_limit"])[0]
     print(f"current limit reduced from {time[start]:.1f} s, burst {1 + int(time[start] // PERIOD)}, winding "
           f"{run['winding_temperature'][start]:.1f} degC; smallest limit from each burst to the next [A]: "
@@ -74,8 +73,7 @@ def _warm() -> None:
 
 def _envelope() -> None:
     with plots.style():
-        draw(envelope(BASE, 10.0)).savefig(FOLDER / "heat_envelope.png", dpi=110, facecolor="white",
-                                           metadata={"Software": None})
+        save(draw(envelope(BASE, 10.0)), "heat_envelope")
 
 
 def main() -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from math import degrees, radians
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from make_tables import save
 
 from emcas_fmu.actuators import get
 from emcas_fmu.extensions.status import OPERATIONAL, STATUS
@@ -71,7 +71,7 @@ def _draw() -> None:
         _column(axes[:, 0], clear, "From −8°")
         _column(axes[:, 1], blocked, "Obstacle at 12°, taken away at 6.8 s")
         axes[0][0].legend(loc="lower left", ncols=3)
-        figure.savefig(Path(__file__).parent / "homing.png", dpi=110, facecolor="white", metadata={"Software": None})
+        save(figure, "homing")
 
 
 def _zeros() -> None:

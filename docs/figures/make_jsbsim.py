@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from make_tables import main, markdown
+from make_tables import main, markdown, save
 
 from emcas_fmu.figures.plots import style
 
@@ -37,13 +37,6 @@ def fly(*names: str, hinge: float = HINGES[0]) -> Results:
     options = Options((MANOEUVRE, GENTLE), (IDEAL, SECOND_ORDER, FMU), models=names, convergence=False, hinge=hinge)
     with TemporaryDirectory() as folder:
         return run(options, Path(folder), lambda what, share: print(what) if share == 0.0 else None)
-
-
-def draw(results: Results) -> None:
-    """Plot the kinds."""
-    with style():
-        kinds(results, MANOEUVRE).figure.savefig(Path(__file__).parent / "jsbsim_kinds.png", dpi=110, facecolor="white",
-                                         metadata={"Software": None})
 
 
 def table(results: Results) -> str:
@@ -94,7 +87,8 @@ def _energy(figures: Mapping[str, float], direction: str) -> str:
 def kinds_table() -> str:
     """Return the table of the kinds, and write the picture."""
     flown = fly(*models())
-    draw(flown)
+    with style():
+        save(kinds(flown, MANOEUVRE).figure, "jsbsim_kinds")
     return table(flown)
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from functools import partial
 from math import radians
-from pathlib import Path
 
 import numpy as np
-from make_tables import MODELS
+from make_tables import MODELS, save
 
 from emcas_fmu.actuators import NONLINEAR
 from emcas_fmu.figures import plots
@@ -37,7 +36,7 @@ def main() -> None:
             axis.set(title=title, xlabel="time [s]", ylabel="fin angle [deg]", xlim=(0.0, stop),
                      ylim=(-0.3 * angle, 1.4 * angle))
         figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=len(MODELS))
-        figure.savefig(Path(__file__).parent / "models.png", dpi=110, facecolor="white", metadata={"Software": None})
+        save(figure, "models")
 
 
 if __name__ == "__main__":

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
 from fmpy import simulate_fmu
+from make_tables import save
 from matplotlib.text import Text
 
 from emcas_fmu.figures import plots
@@ -40,7 +40,7 @@ def main(fmu: str) -> None:
         angle.legend(loc="upper left")
     for text in figure.findobj(Text):
         text.set(color="#222222")
-    figure.savefig(Path(__file__).parent / "steps.png", dpi=150, facecolor="white", metadata={"Software": None})
+    save(figure, "steps", 150)
 
 
 if __name__ == "__main__":

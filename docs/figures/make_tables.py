@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, capabilities, get, get_extension
 from emcas_fmu.actuators.line import BUS
@@ -61,6 +62,11 @@ def markdown(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     header = list(header)
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def save(figure: Figure, name: str, dpi: int = 110) -> None:
+    """Write a figure as docs/figures/NAME.png, without Matplotlib's version, which would change the bytes."""
+    figure.savefig(DOCS / "figures" / f"{name}.png", dpi=dpi, facecolor="white", metadata={"Software": None})
 
 
 def _start(v: Variable) -> str:

@@ -5,13 +5,14 @@ Writes the table of kinds in docs/model/control.md, and two_degrees_front.png.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from math import isfinite
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from make_control import GAINS, LINEAR, LOAD, PAGE, lag, respond, step
+from make_control import GAINS, LINEAR, LOAD, lag, respond, step
+from make_tables import main, markdown, save
 
 from emcas_fmu.actuators import NAMES, capabilities, get
 from emcas_fmu.bench.measure import Test, measure
@@ -61,8 +62,8 @@ def figures(parameters: ParameterSet, torque: float) -> dict[str, float]:
         "within 0.05° after a load step / ms": settled(parameters, torque)}
 
 
-def table() -> None:
-    """Write the table of kinds: shipped gains → two degrees of freedom."""
+def table() -> str:
+    """Return the table of kinds: shipped gains → two degrees of freedom."""
     def text(value: float) -> str:
         return f"{value:.{0 if value >= 1000.0 else 3}{'f' if value >= 1000.0 else 'g'}}" if isfinite(value) else "–"
 
@@ -72,12 +73,7 @@ def table() -> None:
         shipped, two = (figures(each, torque) for each in (load_parameters(model=kind),
                                                            load_parameters(SET, model=kind)))
         rows[kind] = {name: f"{text(shipped[name])} → {text(two[name])}" for name in shipped}
-    header = ["", *next(iter(rows.values()))]
-    lines = [header, ["---"] * len(header), *([f"`{kind}`", *row.values()] for kind, row in rows.items())]
-    head, rest = PAGE.read_text(encoding="utf-8").split("<!-- begin kinds -->")
-    tail = rest.split("<!-- end kinds -->")[1]
-    kinds = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    PAGE.write_text(f"{head}<!-- begin kinds -->\n{kinds}\n<!-- end kinds -->{tail}", encoding="utf-8")
+    return markdown(("", *next(iter(rows.values()))), ((f"`{kind}`", *row.values()) for kind, row in rows.items()))
 
 
 def front() -> None:
@@ -112,10 +108,9 @@ def front() -> None:
             axes.axhline(LIMITS[y], color="#888888", linestyle="--", linewidth=0.8)
             axes.set(xlabel=across, ylabel=up)
         plots.legend_above(picture)
-    picture.savefig(Path(__file__).parent / "two_degrees_front.png", dpi=150, facecolor="white",
-                  metadata={"Software": None})
+    save(picture, "two_degrees_front", 150)
 
 
 if __name__ == "__main__":
-    table()
     front()
+    sys.exit(main(False, {"model/control.md": {"kinds": table}}, "make_two_degrees.py"))

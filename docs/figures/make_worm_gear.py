@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from math import atan, cos, degrees, radians, tan
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from make_tables import save
 
 from emcas_fmu.actuators import get
 from emcas_fmu.figures import plots
@@ -120,7 +120,7 @@ def main() -> None:
         for draw, axis in zip((_efficiency, _locking, _rate, _power), axes.flat, strict=True):
             draw(axis)
             axis.set(xlim=(2.5, 25.0), xlabel="lead angle of the worm [deg]; dot: the default, 5.7 deg")
-        figure.savefig(Path(__file__).parent / "worm_gear.png", dpi=110, facecolor="white", metadata={"Software": None})
+        save(figure, "worm_gear")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Pages of the site made from the source: Python interface, declaration, FMU, commands, notebook, actuators to move."""
+"""Pages of the site that are made from the source: Python interface, declaration, FMU, commands, notebook, sliders."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def python() -> str:
 
 
 def declaration() -> str:
-    """Return the page of what a user's actuator is declared with."""
+    """Return the page of the classes, functions and constants with which a user declares an actuator."""
     fields = inspect.getsource(Actuator).partition('"""\n\n')[2].partition("    def ")[0]
     bare = {"show_root_heading": False, "show_root_toc_entry": False}
     values = {**bare, "show_if_no_docstring": True}
@@ -64,59 +64,60 @@ def declaration() -> str:
 
 
 def _objects(path: str, **options: Any) -> str:
-    """Return where a module of the package, or what is in it, is documented."""
+    """Return the mark that mkdocstrings replaces by the documentation of a module of the package, or of its members."""
     return f"\n::: emcas_fmu.{path}\n    options: {json.dumps(options)}\n"
 
 
 def fmu() -> str:
-    """Return the page of the FMU's variables: of the default actuator all, of every other what it has beside those."""
+    """Return the page of the FMU's variables: all of the default actuator, and the additional ones of every other."""
     default, four = FmuInterface(1), FmuInterface(4)
     parts = [
-        "# The FMU, variable by variable\n\nWhat `emcas build` puts into an FMU, with SI units (temperature in degC). "
-        "Its own `documentation/index.html` says the same of the one that was built, with ranges and notes. A value "
-        "whose source is `estimate` is an engineering value, neither measured nor published.\n",
+        "# The FMU, variable by variable\n\nVariables of the FMUs that `emcas build` makes, in SI units (temperature "
+        "in degC). The page `documentation/index.html` in an FMU lists the FMU's own variables, with limits and notes. "
+        "A value whose source is `estimate` is an engineering value, neither measured nor published.\n",
         f"\n## The default actuator\n\n{_sliders(NONLINEAR)}", *_variables(default, ()),
-        "\n## Four fins\n\nThe names above are behind `fin[1].` to `fin[4].`, but for what all fins share: "
-        f"{', '.join(f'`{name}`' for name in four.shared)}. Beside them:\n",
+        "\n## Four fins\n\nThe names above have the prefixes `fin[1].` to `fin[4].`, except those that all fins share: "
+        f"{', '.join(f'`{name}`' for name in four.shared)}. Additional variables:\n",
         *_variables(four, [v for v in four.variables if v.name.startswith("fin[")] + list(default.inputs)),
-        "\n## Other actuators\n\nFor each what it has that the default one has not; what it lacks of that one is not "
-        "in its FMU.\n"]
+        "\n## Other actuators\n\nFor each actuator the variables that the default actuator does not have. Its FMU "
+        "lacks the default actuator's variables that do not apply to it.\n"]
     for name in NAMES:
         if name == NONLINEAR:
             continue
-        unit = FmuInterface(1, name)
-        parts += [f"\n### {name}\n\n{unit.actuator.title[0].upper()}{unit.actuator.title[1:]}. {_sliders(name)}",
-                  *_variables(unit, default.variables)]
-    parts.append("\n## Extensions\n\nWhat each adds, shown over the default actuator.\n")
+        other = FmuInterface(1, name)
+        parts += [f"\n### {name}\n\n{other.actuator.title[0].upper()}{other.actuator.title[1:]}. {_sliders(name)}",
+                  *_variables(other, default.variables)]
+    parts.append("\n## Extensions\n\nThe variables that each extension adds to the default actuator.\n")
     for name in EXTENSIONS:
         parts += [f"\n### +{name}\n", *_variables(FmuInterface(1, f"{NONLINEAR}+{name}"), default.variables)]
     return "".join(parts)
 
 
 def _sliders(name: str) -> str:
-    """Return a link from where the FMU's interface is declared, as the links of a page made from a file are."""
+    """Return a link to an actuator's page with sliders, relative to emcas_fmu/fmi/interface.py."""
     return f"[Move it with sliders](../../docs/explore/{name}.html).\n"
 
 
 def explored(name: str) -> str:
-    """Return the page in which sliders move an actuator."""
+    """Return the page with sliders of an actuator."""
     return render(ParameterSubject(load_parameters(model=name)), {}, f"emcas explore --model {name}")
 
 
 @cache
 def thesis() -> bytes:
-    """Return the thesis's page; it takes a minute, once for as long as `mkdocs serve` runs."""
+    """Return the thesis's page, which is made once while `mkdocs serve` runs: this takes a minute."""
     with TemporaryDirectory() as folder:
         subprocess.run([sys.executable, "-m", "docs.thesis", "--output", "thesis.html"], cwd=folder, check=True,
                        env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.DEVNULL)
         return Path(folder, "thesis.html").read_bytes()
 
 
-def _variables(unit: FmuInterface, known: Sequence[Variable]) -> Iterator[str]:
-    """Give tables of the inputs, outputs and parameters of a unit that are not known by name."""
+def _variables(interface: FmuInterface, known: Sequence[Variable]) -> Iterator[str]:
+    """Yield the lines of tables of an FMU's inputs, outputs and parameters, without the variables `known` by name."""
     names = {v.name for v in known}
-    entries = {entry.variable.name: entry for entry in load_parameters(model=unit.kind).entries}
-    for title, variables in (("input", unit.inputs), ("output", unit.outputs), ("parameter", unit.parameters)):
+    entries = {entry.variable.name: entry for entry in load_parameters(model=interface.kind).entries}
+    for title, variables in (("input", interface.inputs), ("output", interface.outputs),
+                             ("parameter", interface.parameters)):
         if shown := [v for v in variables if v.name not in names]:
             values = "value | source |" if title == "parameter" else ""
             yield f"\n| {title} | unit | meaning |{values}\n|---|---|---|{'---|---|' if values else ''}\n"
@@ -133,7 +134,7 @@ def _value(variable: Variable, value: Any) -> str:
 
 
 def commands() -> str:
-    """Return the page of the commands: what each does, its arguments and options, and examples."""
+    """Return the page of the commands, each with its purpose, arguments, options and examples."""
     return "# Commands\n\n" + "".join(_command(get_command(app), "emcas", None))
 
 
@@ -153,7 +154,7 @@ def _command(command: Any, name: str, parent: Any) -> Iterator[str]:
 
 
 def _plain(text: str | None) -> str:
-    """Return a help text without its markup for the terminal, and sound as Markdown."""
+    """Return a help text without the terminal's markup, and with Markdown's marks escaped."""
     return re.sub(r"([*_<\[])", r"\\\1", Text.from_markup(text or "").plain)
 
 
@@ -162,7 +163,7 @@ def _cell(text: str) -> str:
 
 
 def notebook() -> str:
-    """Return the page of the notebook, with what its cells showed when it was stored."""
+    """Return the page of the notebook, with the stored outputs of its cells."""
     cells = json.loads((ROOT / "examples/notebook/first_steps.ipynb").read_text(encoding="utf-8"))["cells"]
     return "\n\n".join(part for cell in cells for part in _cell_parts(cell))
 
@@ -176,7 +177,7 @@ def _cell_parts(cell: dict[str, Any]) -> Iterator[str]:
     for output in cell["outputs"]:
         data = output.get("data", {})
         if "image/png" in data:
-            yield f"![What the lines above draw](data:image/png;base64,{''.join(data['image/png']).strip()})"
+            yield f"![Picture of the lines above](data:image/png;base64,{''.join(data['image/png']).strip()})"
         elif "text/html" in data:
             yield f"<div>{''.join(data['text/html'])}</div>"
         else:

@@ -1,6 +1,6 @@
-"""Hooks of MkDocs: what the site has beside the files of docs/, where links lead there, and the navigation.
+"""Hooks of MkDocs: pages of the site from outside docs/ or made from the source, targets of links, navigation.
 
-The navigation is docs/README.md's: a group for each heading `## Group: ...`, a page for each row of its table.
+The navigation follows docs/README.md: a group for each heading `## Group: ...`, a page for each row of its table.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from mkdocs.structure.pages import Page
 from emcas_fmu.actuators import NAMES
 
 ROOT = Path(__file__).resolve().parents[2]
-# Files that a page is made from, with the page; a link to the file leads to it.
+# Source files from which a page is made, with the page and the function that makes it; links to the file lead to it.
 MADE = {
     "emcas_fmu/api.py": ("reference/python.md", generated.python),
     "emcas_fmu/actuators/declaration.py": ("reference/declaration.md", generated.declaration),
@@ -25,8 +25,8 @@ MADE = {
     "emcas_fmu/cli.py": ("reference/commands.md", generated.commands),
     "examples/notebook/first_steps.ipynb": ("examples/notebook/first_steps.md", generated.notebook),
 }
-THESIS = "thesis/thesis.html"  # no page of MkDocs; a link to the program that makes it leads to it
-# Pages outside docs/, with their files; the front page is docs/README.md.
+THESIS = "thesis/thesis.html"  # not a Markdown page; links to docs/thesis/__main__.py lead to it
+# Pages made from Markdown files outside docs/; the front page is docs/README.md.
 OUTSIDE = {"overview.md": "README.md", "CONTRIBUTING.md": "CONTRIBUTING.md", "CHANGELOG.md": "CHANGELOG.md", **{
     name: name for name in (file.relative_to(ROOT).as_posix() for file in ROOT.glob("examples/*/README.md"))}}
 PAGES = {file: page for page, file in OUTSIDE.items()} | {file: page for file, (page, _) in MADE.items()} | {
@@ -34,28 +34,28 @@ PAGES = {file: page for page, file in OUTSIDE.items()} | {file: page for file, (
 FILES = {page: file for file, page in PAGES.items()}
 _ROW = re.compile(r"^\| \[.*?\]\((.*?)\)", re.MULTILINE)
 _CODE_OR_LINK = re.compile(r"```.*?```|(!?)\[((?:`[^`]*`|[^\]`])*)\]\(([^)\s]+)\)|`[^`\n]*`", re.DOTALL)
-# Marks of docstrings that are no Markdown: roles, and literals within blocks of code.
+# Marks of docstrings that are not Markdown: roles, and literals within blocks of code.
 _MARKS = re.compile(r":(?:class|data|func|meth|mod):(?:(<code>)[~.]*|`([^`]*)`)|``([^`<]*)``")
 
 
-def place(path: str) -> str | None:
-    """Return where a file or folder of the repository is in the site; None for one that is not."""
+def path_in_site(path: str) -> str | None:
+    """Return the path in the site of a file or folder of the repository; None if the site does not have it."""
     path = posixpath.normpath(path)
     inside = path.removeprefix("docs/") if path.startswith("docs/") else PAGES.get(f"{path}/README.md")
     return PAGES.get(path, inside)
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Take the navigation from docs/README.md."""
+    """Set the navigation from docs/README.md."""
     groups = re.split(r"^## (\w+)", (ROOT / "docs/README.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
     config.nav = [{"Start": ["README.md", "overview.md"]}]
     for name, rows in zip(groups[::2], groups[1::2], strict=True):
-        config.nav.append({name: [place(f"docs/{link}") for link in _ROW.findall(rows)]})
+        config.nav.append({name: [path_in_site(f"docs/{link}") for link in _ROW.findall(rows)]})
     return config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages outside docs/ and those that are made."""
+    """Add the pages from outside docs/ and those that are made from the source."""
     for page, file in OUTSIDE.items():
         files.append(File.generated(config, page, abs_src_path=str(ROOT / file)))
     for page, make in MADE.values():
@@ -68,7 +68,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Let links lead to pages of the site, and show their titles for names of files; other files become code."""
+    """Change links to pages of the site, with titles instead of file names; links to other files become code."""
     here = page.file.src_uri
     folder = posixpath.dirname(FILES.get(here, f"docs/{here}"))
 
@@ -77,7 +77,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         path, mark, heading = (link or "").partition("#")
         if not path or ":" in path:
             return match[0]
-        target = place(posixpath.join(folder, path))
+        target = path_in_site(posixpath.join(folder, path))
         if target is None:
             return text if "`" in text else f"`{text}`"
         file = files.get_file_from_path(target)
@@ -89,6 +89,6 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Take marks out of what docstrings say, and make headings without words empty cells."""
+    """Remove docstrings' marks that are not Markdown, and make empty cells of headings without words."""
     html = _MARKS.sub(lambda match: "".join(filter(None, match.groups())), html)
     return re.sub(r"<th([^>]*)></th>", r"<td\1></td>", html)

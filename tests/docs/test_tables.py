@@ -36,6 +36,8 @@ def tables() -> ModuleType:
     ("make_tables", "use/your_actuator.md"), ("make_tables", "tools/ci.md"),
     ("make_tables", "model/models.md"), ("make_tables", "model/elastic.md"), ("make_tables", "model/drive.md"),
     ("make_supply", "model/supply.md"), ("make_numerics", "model/numerics.md"),
+    ("make_efficiency", "model/efficiency.md"),
+    pytest.param("make_budget", "model/accuracy.md", marks=pytest.mark.slow),
     pytest.param("make_faults", "model/faults.md", marks=pytest.mark.slow),
     pytest.param("make_sensors", "model/sensors.md", marks=pytest.mark.slow),
     pytest.param("make_campaigns", "tools/campaigns.md", marks=pytest.mark.slow),
