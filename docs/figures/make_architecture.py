@@ -14,7 +14,7 @@ LINE = 18  # px from one line of text to the next
 
 
 class Box(NamedTuple):
-    """A part of the package: position and size [px], colour, name, and lines on its contents."""
+    """A part of the package: position and size [px], colour, name, and lines that describe its contents."""
 
     x: int
     y: int

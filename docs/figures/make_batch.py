@@ -29,7 +29,7 @@ def _scaling(run: Any, own: bool) -> list[Any]:
 
 
 def _inverse(x: Any) -> Any:
-    """Return the number of steps of x [ns] in 1 ms, or the time [ns] of a step if x is their number."""
+    """Return the number of actuators in real time for a time of x [ns] per step of 1 ms, or the time for a number x."""
     return 1e6 / np.maximum(x, 1e-9)  # Matplotlib also passes 0
 
 
@@ -60,7 +60,7 @@ def draw(runs: Sequence[Any]) -> None:
 
 
 def ratios(runs: Sequence[Any]) -> str:
-    """Return the table of the loop's time, and of the ratio of the vectors' time to it in the same run."""
+    """Return the table of the time with the loop, and of the time with vectors over it, measured in the same run."""
     head, rows = ["actuators"], []
     for title in SETS.values():
         head += [f"{title}: loop", *(f"{run['lanes']} at once" for run in runs)]
@@ -77,7 +77,7 @@ def ratios(runs: Sequence[Any]) -> str:
 
 
 def threads(runs: Sequence[Any]) -> str:
-    """Return the sentence on the time of a step with several threads, divided by that with one."""
+    """Return the sentence on the time of a step with several threads, divided by the time with one thread."""
     shares, count = [], runs[0]["threads"][0]["actuators"]
     for run in runs:
         one, *more = run["threads"]

@@ -1,6 +1,6 @@
-"""Tables and figure of docs/model/accuracy.md: budgets of actuators, and an encoder on the fin behind compliance.
+"""Tables and picture of docs/model/accuracy.md: budgets of actuators; an encoder on the fin, behind compliance.
 
-    python docs/figures/make_budget.py           # writes the figure and the tables between their markers
+    python docs/figures/make_budget.py           # writes the picture, and the tables between their markers
     python docs/figures/make_budget.py --check   # exit code 1 if a table is stale
 """
 
@@ -25,7 +25,7 @@ from emcas_fmu.studies.report.outcome import Outcome, Rig
 
 LOAD = 100.0  # N.m
 BASE = load_parameters("hinge-stiffness", model="elastic")
-FINE = 64  # times as many pulses: on the fin a count is then that of the motor's encoder
+FINE = 64  # factor of the pulses with which a count on the fin equals that of the motor's encoder, at the fin
 ON_FIN = {"encoder.on_fin": True}
 SETS: Mapping[str, ParameterSet] = {
     "motor": BASE, "fin": BASE.with_values(ON_FIN),
@@ -52,7 +52,7 @@ def _angle(degree: float) -> str:
 
 
 def _both(outcome: Outcome) -> dict[str, str]:
-    """Return the text "without load / with load" of every group of a budget."""
+    """Return the values of every group of a budget as text, "without load / with load"."""
     return {name: " / ".join(_angle(float(value)) for value in group.values())
             for name, group in outcome.figures.items()}
 
@@ -107,7 +107,7 @@ def encoders() -> str:
 
 
 def _draw() -> None:
-    """Plot the error after a step against the load, and that at rest without dry friction about the hinge."""
+    """Plot the error over time: after a step against a load, and at rest without dry friction about the hinge."""
     with plots.style():
         figure, ((loaded, rest),) = plots.figure(1, 2, height=3.2)
         for (name, parameters), color in zip(SETS.items(), plots.COLORS, strict=False):

@@ -1,7 +1,7 @@
 """Tables of docs/tools/campaigns.md: errors of the figures of power against fine rows, and the example's verdict.
 
-    python docs/figures/make_campaigns.py           # writes them
-    python docs/figures/make_campaigns.py --check   # exit code 1 if one is stale
+    python docs/figures/make_campaigns.py           # writes the tables
+    python docs/figures/make_campaigns.py --check   # exit code 1 if a table is stale
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import load_study
 from emcas_fmu.studies.campaign.summary import summarise, text
 
-FINE = 50  # rows of 20 us
+FINE = 50  # rows in 1 ms, 20 us apart
 ON_A_ROW = 3e-3  # s, a transport delay with which the jumps of power coincide with rows
 FIGURES = {"energy": "net_energy", "power_rms": "rms_power", "power_peak": "peak_power"}
 EXPERIMENTS = {
@@ -46,7 +46,7 @@ def _plain(power: Any, step: float) -> dict[str, float]:
 
 def differences(experiment: Experiment, factors: Mapping[str, float], delay: float
                 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the relative errors of a campaign's figures, and of figures from rows 1 ms apart, against rows of 20 us.
+    """Return relative errors of a campaign's figures, and of figures from rows 1 ms apart, against rows 20 us apart.
 
     `delay` is the transport delay [s].
     """
@@ -72,7 +72,7 @@ def _cell(ours: float, coarse: float) -> str:
 
 
 def power() -> str:
-    """Return the table of relative errors against rows of 20 us, in brackets those of rows 1 ms apart."""
+    """Return the table of relative errors against rows 20 us apart; in brackets the errors of rows 1 ms apart."""
     shipped = float(load_parameters().values["drive.transport_delay"])
     rows = []
     for title, (experiment, factors) in EXPERIMENTS.items():
@@ -85,7 +85,7 @@ def power() -> str:
 
 
 def judged() -> str:
-    """Return the table of the numbers of samples that meet the requirements of the page's campaign."""
+    """Return the table of the requirements of the page's campaign: percentiles, and samples that meet them."""
     page = (DOCS / "tools/campaigns.md").read_text(encoding="utf-8")
     with TemporaryDirectory() as folder:
         files = {name: Path(folder) / name for name in ("tolerances.toml", "specification.toml")}

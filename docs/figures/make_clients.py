@@ -1,7 +1,7 @@
 """Tables of docs/use/clients.md: results of FMUs in other clients, run as in the tests, and the clients' messages.
 
-    python docs/figures/make_clients.py           # writes them in some minutes; that of fmusim if it is on the PATH
-    python docs/figures/make_clients.py --check   # exit code 1 if one is stale
+    python docs/figures/make_clients.py           # writes the tables in some minutes, fmusim's if it is on the PATH
+    python docs/figures/make_clients.py --check   # exit code 1 if a table is stale
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ if str(ROOT) not in sys.path:
 
 from tests.interop import matrix  # noqa: E402
 from tests.interop.clients import CHECKS, CLIENTS  # noqa: E402
-from tests.interop.units import UNITS  # noqa: E402
+from tests.interop.units import UNITS as FMUS  # noqa: E402
 
 PAGE = "use/clients.md"
 
 
 def _version(client: str) -> str:
-    """Return a client's version in .ci/constraints.txt for the newer Python; for fmusim the version that it prints."""
+    """Return a client's version for the newer Python in .ci/constraints.txt; for fmusim the version that it prints."""
     package = CLIENTS[client].package
     if not package:
         process = subprocess.run(["fmusim", "--version"], capture_output=True, text=True, check=True)
@@ -38,16 +38,16 @@ def _version(client: str) -> str:
     return version
 
 
-def _cell(unit: str, client: str, runs: matrix.Runs) -> str:
+def _cell(fmu: str, client: str, runs: matrix.Runs) -> str:
     """Return the text of the result of an FMU in a client."""
-    outcome = runs.outcome(unit, client)
+    outcome = runs.outcome(fmu, client)
     if outcome.code:
         return "fails"
     if client in CHECKS:
         return "passes"
-    difference = matrix.from_fmpy(UNITS[unit], client, outcome.found, runs.outcome(unit, "fmpy").found)
-    if UNITS[unit].reference:
-        return (f"{matrix.from_reference(UNITS[unit], outcome.found):.2g}°"
+    difference = matrix.from_fmpy(FMUS[fmu], client, outcome.found, runs.outcome(fmu, "fmpy").found)
+    if FMUS[fmu].reference:
+        return (f"{matrix.from_reference(FMUS[fmu], outcome.found):.2g}°"
                 + (f", {difference:.0e}" if difference else ""))
     return f"{difference:.0e}" if difference else "runs" if client == "fmpy" else "same"
 
@@ -55,8 +55,8 @@ def _cell(unit: str, client: str, runs: matrix.Runs) -> str:
 def _matrix(clients: Iterable[str], runs: matrix.Runs) -> str:
     """Return the table of results of clients (rows) and FMUs (columns)."""
     pairs = set(matrix.pairs())
-    return markdown(("client", "version", *(u.title for u in UNITS.values())), (
-        (CLIENTS[c].title, _version(c), *(_cell(u, c, runs) if (u, c) in pairs else "–" for u in UNITS))
+    return markdown(("client", "version", *(fmu.title for fmu in FMUS.values())), (
+        (CLIENTS[c].title, _version(c), *(_cell(fmu, c, runs) if (fmu, c) in pairs else "–" for fmu in FMUS))
         for c in clients))
 
 
@@ -65,16 +65,16 @@ def messages() -> str:
     rows = []
     for complaint in matrix.known():
         text = re.sub(r"\\(.)", r"\1", complaint.text.replace(".+", "…").replace(".*", "…")).replace("|", r"\|")
-        spared = [unit for unit in UNITS if unit not in complaint.units]
-        units = (", ".join(UNITS[u].title for u in complaint.units) if len(spared) > 1 else
-                 f"all but {UNITS[spared[0]].title}" if spared else "all")
-        rows.append((", ".join(CLIENTS[c].title for c in complaint.clients), units, f"`{text}`", complaint.meaning,
+        others = [fmu for fmu in FMUS if fmu not in complaint.units]
+        fmus = (", ".join(FMUS[fmu].title for fmu in complaint.units) if len(others) > 1 else
+                f"all but {FMUS[others[0]].title}" if others else "all")
+        rows.append((", ".join(CLIENTS[c].title for c in complaint.clients), fmus, f"`{text}`", complaint.meaning,
                      complaint.whose))
     return markdown(("client", "FMU", "message", "meaning", "to be mended by"), rows)
 
 
 def tables(runs: matrix.Runs) -> Mapping[str, Callable[[], str]]:
-    """Return the functions that make the tables, without that of fmusim if it is not installed."""
+    """Return the functions that make the tables; fmusim's table is left out if fmusim is not installed."""
     installed = {client for _, client in matrix.pairs()}
     functions: dict[str, Callable[[], str]] = {
         "clients": lambda: _matrix((c for c in CLIENTS if c not in matrix.FMUSIM), runs), "messages": messages}

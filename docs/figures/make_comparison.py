@@ -1,6 +1,6 @@
 """Tables and picture of docs/model/comparison.md: kinds of actuation side by side, each with its default parameters.
 
-It also makes the table of power of docs/model/worm_gear.md.
+The script also makes the table of power in docs/model/worm_gear.md.
 
     python docs/figures/make_comparison.py           # writes tables and picture, in some minutes
     python docs/figures/make_comparison.py --check   # exit code 1 if a table is stale
@@ -34,7 +34,7 @@ from emcas_fmu.studies.report.outcome import Rig, Value
 
 KINDS = {NONLINEAR: "ball screw", "worm-gear": "worm gear", "clutch": "clutch, dual", "series-clutch": "clutch, series",
          "electrohydrostatic": "electrohydrostatic", "electrohydraulic": "electrohydraulic"}
-FORMS = {"worm-gear-elastic": ("worm gear, elastic mesh", "worm-gear")}  # forms of a kind with more faults
+FORMS = {"worm-gear-elastic": ("worm gear, elastic mesh", "worm-gear")}  # forms of a kind with additional faults
 FALLING = "worm-falling-friction"
 COLORS = dict(zip(KINDS, plots.COLORS, strict=False))
 LOADS = np.arange(-150.0, 151.0, 50.0)  # N.m along the motion
@@ -92,8 +92,10 @@ class Kind:
         return degrees(motion(self.run(slew_to(radians(20.0), 1.0, load)), -1)["sustained_rate"])
 
     def ramp(self, load: float, output: str = "supply_power") -> float:
-        """Return the mean of an output, by default supply power [W], in the middle of a ramp of 100 deg/s under a load
-        [N.m] along it."""
+        """Return the mean of an output, by default supply power [W], between -10 and 10 deg of a ramp of 100 deg/s.
+
+        The load [N.m] acts along the ramp.
+        """
         time = np.arange(2001) * 1e-3
         angle = np.clip(SLEW * (time - 1.5) - RAMP, -RAMP, RAMP)
         columns = self.run(Excitation("ramp", {COMMAND: angle, LOAD: np.where(time > 0.5, load, 0.0)}, 1.5)).columns
@@ -121,7 +123,7 @@ class Kind:
 
     @property
     def heat(self) -> float:
-        """Return the mean supply power [W] while 100 N.m are held: all of it becomes heat, since nothing moves."""
+        """Return the mean supply power [W] while the fin holds 100 N.m: all of it becomes heat, since nothing moves."""
         columns = self.holding.columns
         return float(np.mean(columns["supply_power"][columns["time"] > self.holding.excitation.begin + _SETTLED]))
 
@@ -137,7 +139,7 @@ class Kind:
 
     @property
     def breakaway(self) -> float:
-        """Return the moment [N.m] that moves the disabled fin, the smaller of both directions; nan if 100 do not."""
+        """Return the moment [N.m] that moves the disabled fin, the smaller of both directions; nan beyond 100 N.m."""
         broke = [abs(float(value)) for value in self.stiffness["breakaway"].values()]
         return min(broke) if np.isfinite(broke).all() else nan
 
@@ -167,7 +169,7 @@ def _upto(frequency: float, beyond: float) -> str:
 
 
 def _least_stiffness(kind: Kind) -> str:
-    """Return the least dynamic stiffness as text; a fin that friction locks does not move."""
+    """Return the least dynamic stiffness as text; "does not move" for a fin that friction locks."""
     least = kind.stiffness["powered"].get("least_stiffness_n_m_per_rad")
     return "does not move" if least is None else f"{least:.0f} N·m/rad"
 
@@ -205,7 +207,7 @@ def powers() -> str:
 
 
 def failures() -> str:
-    """Return the table of the faults that each kind declares, and their number with the general ones."""
+    """Return the table of the faults that each kind declares, and the number of these and the general faults."""
     rows = []
     for name, title in KINDS.items():
         actuator = get(name)

@@ -82,7 +82,7 @@ def filtered(name: str, model: str, changes: Mapping[str, float]) -> ParameterSe
 
 
 def inertia_margins(parameters: ParameterSet, share: float) -> str:
-    """Return the margins [deg, dB] of controllers with the nominal inertia, for a plant with a `share` of it."""
+    """Return the margins as text, for a plant with a `share` of the inertia that the controllers use."""
     values = parameters.values
     nominal, built = (LinearActuator({**values, **{name: values[name] * scale for name in INERTIAS}},
                                    model=parameters.model) for scale in (1.0, share))
@@ -92,7 +92,7 @@ def inertia_margins(parameters: ParameterSet, share: float) -> str:
 
 
 def observer_table() -> str:
-    """Return the table of the speed observer's bandwidths: margins for three inertias, and the load step [deg]."""
+    """Return the table of bandwidths of the speed observer: margins for three inertias, deviation under a load step."""
     rows = []
     for name in ("shipped", "load observer", "two degrees of freedom"):
         for bandwidth in (0.0, 150.0, 300.0, 800.0):
@@ -163,7 +163,7 @@ def draw_responses() -> None:
 
 
 def between(share: float) -> ParameterSet:
-    """Return the shipped set with gains between those of the robust set (`share` 0) and its own (1), and beyond."""
+    """Return the shipped set with gains between those of the robust set (`share` 0) and the shipped gains (1)."""
     low, high = SETS["robust"].values, SETS["shipped"].values
     return load_parameters().with_values({name: low[name] ** (1.0 - share) * high[name] ** share for name in GAINS})
 

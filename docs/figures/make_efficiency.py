@@ -1,6 +1,6 @@
-"""Table and figure of docs/model/efficiency.md.
+"""Table and picture of docs/model/efficiency.md.
 
-    python docs/figures/make_efficiency.py           # writes the figure and the table between its markers
+    python docs/figures/make_efficiency.py           # writes the picture, and the table between its markers
     python docs/figures/make_efficiency.py --check   # exit code 1 if the table is stale
 """
 
@@ -21,7 +21,7 @@ from emcas_fmu.simulation import simulate
 
 MODEL = "nonlinear+efficiency"
 LOAD = 100.0  # N.m
-RATE, REACH = 100.0, 10.0  # deg/s, deg on both sides of zero
+RATE, REACH = 100.0, 10.0  # deg/s; deg, half of the stroke over which means are taken
 BASE = load_parameters(model=MODEL)
 # Efficiencies (forward, backward); backward = 2 - 1/forward.
 SCREWS = ((1.0, 1.0), (0.9, 0.889), (0.7, 0.571), (0.5, 0.0))
@@ -34,8 +34,8 @@ def _run(screw: tuple[float, float], command: Any, torque: float, stop: float, *
 
 
 def _stroke(screw: tuple[float, float], torque: float) -> list[str]:
-    """Return means from -REACH to REACH at RATE: current, bus power, screw loss, and the energy from the bus."""
-    # The ramp has 9 deg more at both ends; an integral would make the fin faster than RATE to remove the lag.
+    """Return cells for the stroke from -REACH to REACH at RATE: mean current, bus power and screw loss; bus energy."""
+    # The ramp is 9 deg longer at both ends. No integral: it would make the fin faster than RATE to remove the lag.
     start = -REACH - 9.0
     run = _run(screw, lambda t: radians(start + RATE * t), torque, -2.0 * start / RATE,
                **{"fin.start_angle": radians(start), "controller.position.ki": 0.0})
@@ -56,7 +56,7 @@ def _holding(screw: tuple[float, float]) -> str:
 
 
 def _rate(screw: tuple[float, float]) -> str:
-    """Return the rate of the reference case's slew against 100 N.m, which `emcas validate` judges by Table 2."""
+    """Return the rate of the slew against 100 N.m in the reference case `load_opposing`."""
     chosen = reference_case("load_opposing")
     forward, backward = screw
     values = BASE.with_values({"efficiency.forward": forward, "efficiency.backward": backward}).values

@@ -1,4 +1,4 @@
-"""Plot the figure of docs/model/elastic.md and print its tables: `python docs/figures/make_elastic.py`."""
+"""Plot the picture of docs/model/elastic.md, and print its tables of limit cycles and the numbers of its text."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ BASE = load_parameters(model=MODEL)
 
 
 def _indirect(motor_angle: Any) -> Any:
-    """Return the fin angle [rad] that a motor angle [rad] gives through screw and lever without gap and compliance."""
+    """Return the fin angle [rad] that follows from a motor angle [rad] without gap and compliance."""
     values, start = BASE.values, BASE.values["kinematics.initial_angle"]
     return np.arctan(values["screw.lead"] / values["kinematics.moment_arm"] * motor_angle + tan(start)) - start
 
 
 def _draw() -> None:
-    """Plot a slow cycle of 2 deg against friction at the fin, which makes the flank change with the direction."""
+    """Plot the fin angle over a slow cycle of 2 deg. Friction at the fin makes the flank change with the direction."""
     with plots.style():
         figure, axes = plots.figure(1, 2, height=3.4)
         for gap, color in ((0.0, plots.GREEN), (50e-6, plots.BLUE), (100e-6, plots.VERMILLION)):
@@ -51,13 +51,13 @@ def _draw() -> None:
 
 
 def _width(values: Any, step: float) -> float:
-    """Return the motion of the fin [deg], peak to peak, in the last 3 of 20 s with a step [rad]."""
+    """Return the peak-to-peak motion of the fin [deg] in the last 3 s of a run of 20 s with a step [rad]."""
     run = simulate(values, 20.0, model=MODEL, fin_command=lambda t: step if t > 0.05 else 0.0)
     return float(np.degrees(np.ptp(run["fin_angle"][17000:])))
 
 
 def _limit_cycles() -> None:
-    """Print the tables of the largest width [deg] of a limit cycle after STEPS."""
+    """Print tables of the largest width [deg] of a limit cycle after STEPS, over gaps and gains."""
     for dry, on_fin in product(DRY, (True, False)):
         print(f"\n{dry:g} N.m, loop closed {'at the fin' if on_fin else 'at the motor'}")
         print("| gap | " + " | ".join(f"×{gain:g}" for gain in GAINS) + " |")

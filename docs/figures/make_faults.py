@@ -24,9 +24,9 @@ from emcas_fmu.figures import plots
 from emcas_fmu.motions import STEP
 from emcas_fmu.parameters import load_parameters
 
-BEGIN, END, STOP = 0.2, 0.4, 0.6  # s
-LONG_STOP = 2.0  # s, end of the runs of detection() and failed_motor()
-LOAD, LOADS = 40.0, {"servo": 4.0}  # N.m, amplitude of the load, and others by name for weaker actuators
+BEGIN, END = 0.2, 0.4  # s, window of the faults under sines
+SINES_END, DETECTION_END = 0.6, 2.0  # s, ends of the runs under sines, and of those of detection() and failed_motor()
+LOAD, LOAD_OF_WEAKER = 40.0, {"servo": 4.0}  # N.m, amplitude of the load
 SMALLEST = 0.005  # deg; smaller changes are rounding, or a count more or less
 
 
@@ -39,7 +39,7 @@ def _has(model: str, fault: str) -> bool:
 
 
 def _runs(model: str, faults: Sequence[str], window: tuple[float, float], **inputs: Any) -> Runs:
-    """Return the runs of a model, one with each fault, active in a window of time [s], and the last without."""
+    """Return the runs of a model: one with each fault, active in a `window` of time [s], and the last without fault."""
     subject = ParameterSubject(load_parameters(model=f"{model}+faults"))
     changes = {}
     for run, fault in enumerate(faults):
@@ -54,9 +54,9 @@ def _runs(model: str, faults: Sequence[str], window: tuple[float, float], **inpu
 
 
 def _under_sines(model: str, faults: Sequence[str]) -> Runs:
-    time = times(STOP)
+    time = times(SINES_END)
     return _runs(model, faults, (BEGIN, END), fin_command=_command(time),
-                 aero_torque=LOADS.get(model, LOAD) * np.sin(2.0 * np.pi * 1.7 * time))
+                 aero_torque=LOAD_OF_WEAKER.get(model, LOAD) * np.sin(2.0 * np.pi * 1.7 * time))
 
 
 def effects() -> str:
@@ -73,7 +73,7 @@ def effects() -> str:
 
 def detection() -> str:
     """Return the table of the monitors that detect each fault of the nonlinear model, with their times."""
-    faults, time = possible(get("nonlinear")), times(LONG_STOP)
+    faults, time = possible(get("nonlinear")), times(DETECTION_END)
     runs = _runs("nonlinear", [fault.name for fault in faults], (BEGIN, 1e9),
                  fin_command=np.radians(np.where(time % 1.0 < 0.5, 10.0, -10.0)))
     rows = []
@@ -88,7 +88,7 @@ def failed_motor() -> str:
     """Return the table of a fin's final angle or time to the stop, and largest rate, after drive or winding fail."""
     names, rows = ("drive_loss", "winding_short", "phase_loss"), []
     for load in (20.0, 40.0, 100.0, 150.0):
-        runs = _runs("nonlinear", names, (BEGIN, 1e9), aero_torque=np.full_like(times(LONG_STOP), load))
+        runs = _runs("nonlinear", names, (BEGIN, 1e9), aero_torque=np.full_like(times(DETECTION_END), load))
         cells = []
         for run in range(len(names)):
             columns, begun = runs[run].columns, times(BEGIN).size
@@ -100,7 +100,7 @@ def failed_motor() -> str:
     return markdown(("load", *(f"`{name}`" for name in names)), rows)
 
 
-TABLES = {"model/faults.md": {"acting": effects, "found": detection, "released": failed_motor}}
+TABLES = {"model/faults.md": {"effects": effects, "detection": detection, "failed_motor": failed_motor}}
 
 
 def _draw() -> None:

@@ -1,6 +1,6 @@
-"""Table and figures of docs/model/friction.md.
+"""Table and pictures of docs/model/friction.md.
 
-    python docs/figures/make_friction.py           # writes the table between its markers, and the figures
+    python docs/figures/make_friction.py           # writes the table between its markers, and the pictures
     python docs/figures/make_friction.py --check   # exit code 1 if the table is stale
     python docs/figures/make_friction.py --cost    # prints the CPU time of a simulated second
 """
@@ -35,9 +35,9 @@ ROUGH: tuple[tuple[str, str, Mapping[str, float], str], ...] = (
 )
 AMPLITUDE, FREQUENCY = 0.5, 0.2  # deg, Hz
 STEP, BAND = 0.1, 0.01  # deg
-FASTEST = 0.25  # s, the time before the sine's zero, at which it is fastest
-SETTLED, LONG = 20.0, 300.0  # s
-STUCK = 0.02  # rad/s at the motor, 3 % of the sine's largest
+FASTEST = 0.25  # s, duration of the part of the sine in which it is fastest, up to its zero
+SETTLED, LONG = 20.0, 300.0  # s after the step: begin and end of the mean error and of hunting
+STUCK = 0.02  # rad/s at the motor, 3 % of the sine's largest speed
 
 
 def _sine(t: float) -> float:

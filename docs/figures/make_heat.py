@@ -1,4 +1,4 @@
-"""Plot the figures of docs/model/heat.md and print its numbers: `python docs/figures/make_heat.py`."""
+"""Plot the pictures of docs/model/heat.md, and print the numbers of its text: `python docs/figures/make_heat.py`."""
 
 from __future__ import annotations
 

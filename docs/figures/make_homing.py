@@ -1,4 +1,4 @@
-"""Plot the figure of docs/model/homing.md and print its tables: `python docs/figures/make_homing.py`."""
+"""Plot the picture of docs/model/homing.md, and print its tables: `python docs/figures/make_homing.py`."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ STARTS = np.radians(np.linspace(-25.0, 25.0, 41))
 
 
 def _run(obstacle: Callable[[float, float], float], stop: float) -> dict[str, Any]:
-    """Return outputs every 1 ms up to `stop` [s]; `home` rises at the times HOME.
+    """Return the outputs every 1 ms until `stop` [s]; `home` rises at the times HOME.
 
-    `obstacle` returns a torque [N.m] from time [s] and fin angle [rad].
+    `obstacle` returns a torque [N.m] for a time [s] and a fin angle [rad].
     """
     core = codegen.core(load_parameters(model=MODEL).with_values({"fin.start_angle": START}).values, MODEL)
     rows = []
@@ -75,7 +75,7 @@ def _draw() -> None:
 
 
 def _zeros() -> None:
-    """Print the table of the largest error of the zero and the shortest and longest homing run, over STARTS."""
+    """Print the table of the largest error of the zero, and of the shortest and longest homing run, from STARTS."""
     print("| model | both stops | one stop only | shortest and longest run |\n|---|---|---|---|")
     for name in MODELS:
         row, times = [], []

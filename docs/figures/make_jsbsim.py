@@ -1,6 +1,6 @@
 """Make the picture and the tables of examples/jsbsim/README.md: `python docs/figures/make_jsbsim.py [kinds|servo]...`.
 
-Flies the rocket with every kind of actuator, and with servos at several hinge positions. This takes some minutes, and
+The rocket flies with every kind of actuator, and with servos at several hinge positions. This takes some minutes, and
 needs JSBSim and a C compiler.
 """
 
@@ -21,7 +21,7 @@ from examples.jsbsim.results import FMU, IDEAL, SECOND_ORDER, Results, all_figur
 from examples.jsbsim.run import Options, every_model, run
 
 DOCUMENT = "../examples/jsbsim/README.md"
-# Other models of the electromechanical actuator, one of them without limits, and the kind sized for another fin.
+# Other models of the electromechanical actuator, and the kind that is sized for another fin.
 LEFT_OUT = ("linear", "ristanovic", "habibi", "ozkan", "servo")
 MANOEUVRE, GENTLE = "aggressive", "gentle"
 SERVO, HINGES = "servo", (0.41, 0.46)

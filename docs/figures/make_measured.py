@@ -3,7 +3,7 @@
     EMCAS_RECORDS=FOLDER python docs/figures/make_measured.py           # writes tables and pictures
     EMCAS_RECORDS=FOLDER python docs/figures/make_measured.py --check   # exit code 1 if a table is stale
 
-The folder contains the records of EMPS in emps and those of the XL330 in xl330; they are not part of this project.
+FOLDER contains the records of EMPS in emps and of the XL330 in xl330, which are not part of this project.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ FOLDER = "EMCAS_RECORDS"
 ERRORS = {"force_percent": ".2f", "position_percent": ".5f", "window_rms_mm": ".2f", "window_rms_mm_level": ".2f"}
 
 
-def figures(program: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
-    """Return the JSON that a comparison writes to the path which `program` receives after `arguments`."""
+def figures(program: Callable[[Path], Any]) -> dict[str, Any]:
+    """Return the JSON document that `program` writes to the path that it gets as argument."""
     with TemporaryDirectory() as folder, redirect_stdout(StringIO()):
         path = Path(folder) / "figures.json"
-        program(*arguments, path)
+        program(path)
         document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return document
 
@@ -57,7 +57,7 @@ def xl330(document: Mapping[str, Any]) -> str:
 
 
 def documents(folder: Path, pictures: bool) -> dict[str, dict[str, Callable[[], str]]]:
-    """Run the comparisons, with their pictures if `pictures`, and return the functions that make the page's tables."""
+    """Run the comparisons, and return the functions that make the page's tables; with `pictures` also plot these."""
     plots = [FIGURES / f"measured_{name}.png" if pictures else None for name in ("emps", "xl330")]
     drive = figures(lambda path: emps_compare.compare(folder, path, plots[0]))
     servo = figures(lambda path: xl330_compare.main([

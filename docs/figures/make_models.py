@@ -19,7 +19,7 @@ CASES = ((2.0, 0.0, 0.12, "2°, unloaded"), (15.0, 0.0, 0.2, "15°, unloaded"),
 
 
 def _step(angle: float, time: float) -> float:
-    """Return the command [rad] at a time [s], which steps to `angle` [deg] at 0.02 s."""
+    """Return the command [rad] at a time [s]: a step to `angle` [deg] at 0.02 s."""
     return radians(angle) if time > 0.0199 else 0.0
 
 

@@ -1,7 +1,7 @@
 """Table of docs/model/numerics.md, and the numbers in its text.
 
     python docs/figures/make_numerics.py           # writes the table
-    python docs/figures/make_numerics.py --check   # exit code 1 if it is stale
+    python docs/figures/make_numerics.py --check   # exit code 1 if the table is stale
     python docs/figures/make_numerics.py --text    # prints the numbers of the text: encoder, steps of the load
 """
 
@@ -21,7 +21,7 @@ from emcas_fmu.support.files import models_directory
 
 VALUES = load_parameters().values
 TICKS = (0.1e-3, 0.35e-3, VALUES["solver.max_tick"])  # s
-FINEST = 2e-6  # s
+FINEST = 2e-6  # s, tick
 SMALLEST = 1e-3  # mdeg; smaller differences are within the rounding of the stored reference
 ROWS = {  # rows of the table, with their reference cases
     "steps ±1°": ("step_plus1", "step_minus1"),
@@ -57,7 +57,7 @@ def ticks() -> str:
 
 
 def print_encoder() -> None:
-    """Print the largest difference of the fin angle between ticks and the finest tick, with the encoder on."""
+    """Print the largest differences of the fin angle from that with the finest tick, with the encoder on."""
     chosen = (5e-6, 1e-5, 2e-5, 1e-4, *TICKS[1:])
     print(f"encoder on: largest difference from ticks of {FINEST * 1e6:g} us / mdeg\n")
     print(f"{'case':16}" + "".join(f"{tick * 1e6:>9g} us" for tick in chosen))
@@ -68,8 +68,8 @@ def print_encoder() -> None:
         print(f"{case.name:16}" + "".join(f"{error:12.4f}" for error in errors))
 
 
-def print_blows() -> None:
-    """Print the errors in random runs with steps of the load between samples, and of the command in its range."""
+def print_load_steps() -> None:
+    """Print the errors in random runs with steps of the command, and steps of the load between samples."""
     rows, step = round(DURATION / 2e-4) + 1, 2e-4  # s; loads may step five times in a sample
     errors: dict[float, list[float]] = {tick: [] for tick in TICKS[1:]}
     for seed in range(RUNS):
@@ -99,6 +99,6 @@ TABLES = {"model/numerics.md": {"ticks": ticks}}
 if __name__ == "__main__":
     if "--text" in sys.argv[1:]:
         print_encoder()
-        print_blows()
+        print_load_steps()
     else:
         sys.exit(main("--check" in sys.argv[1:], TABLES, "make_numerics.py"))

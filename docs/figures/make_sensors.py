@@ -1,7 +1,7 @@
 """Table of docs/model/sensors.md: changes of the default actuator's behaviour due to errors of its sensors.
 
     python docs/figures/make_sensors.py           # writes the table between its markers
-    python docs/figures/make_sensors.py --check   # exit code 1 if it is stale
+    python docs/figures/make_sensors.py --check   # exit code 1 if the table is stale
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def _rows(subject: ParameterSubject, errors: Mapping[str, Mapping[str, float]]) 
 
 
 def effects() -> str:
-    """Return the table of the effects of each error; for fin angles the largest difference from no errors."""
+    """Return the table of the effects of each error; differences of fin angles are from the run without errors."""
     rows = []
     for title, file, changes, errors in CASES:
         parameters = load_parameters(model="nonlinear+sensors")

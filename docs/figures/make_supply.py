@@ -1,7 +1,7 @@
 """Tables of docs/model/supply.md.
 
-    python docs/figures/make_supply.py           # writes them
-    python docs/figures/make_supply.py --check   # exit code 1 if one is stale
+    python docs/figures/make_supply.py           # writes the tables
+    python docs/figures/make_supply.py --check   # exit code 1 if a table is stale
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def _link(run: Mapping[str, Any]) -> str:
 
 
 def steps() -> str:
-    """Return the table of a step of 20 deg under loads: the default set and, in brackets, without the extension."""
+    """Return the table of a step of 20 deg under loads: with the extension and, in brackets, without it."""
     rows = []
     for load in (0.0, -60.0, -100.0):
         with_it, without = (_run(model, radians(20.0), load) for model in (MODEL, "nonlinear"))

@@ -1,7 +1,7 @@
 """Tables of pages in docs, from declarations and from simulations.
 
-    python docs/figures/make_tables.py           # writes them between their markers
-    python docs/figures/make_tables.py --check   # exit code 1 if one is stale
+    python docs/figures/make_tables.py           # writes the tables between their markers
+    python docs/figures/make_tables.py --check   # exit code 1 if a table is stale
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ if str(DOCS.parent) not in sys.path:
 from tests.simulation import ramped_core  # noqa: E402
 
 FINE = 1e-4  # s, the communication step with which STEPS are compared
-STEPS = (5e-4, 1e-3, 2e-3, 5e-3, 1e-2)  # s
-STOP = 1.0  # s
+STEPS = (5e-4, 1e-3, 2e-3, 5e-3, 1e-2)  # s, communication steps
+STOP = 1.0  # s, end of the runs of steps()
 ROUNDING = 1e-9  # deg, a thousand times the differences due to rounding
 SHOWN = 6  # rows of the drift table
-# Other kinds of actuation (make_comparison.py); the remaining actuators are models of the same one.
+# Other kinds of actuation (make_comparison.py); the remaining actuators are models of the default one.
 KINDS = ("worm-gear", "worm-gear-elastic", "clutch", "series-clutch", "servo", "electrohydrostatic", "electrohydraulic")
 MODELS = tuple(name for name in NAMES if name not in KINDS)
 
@@ -100,7 +100,7 @@ def several() -> str:
 
 @dataclass(frozen=True)
 class Loop:
-    """A host's loop: `command` [rad] of time [s], held or ramped, and `torque` [N.m] of the last fin angle [rad]."""
+    """A host's loop: `command` [rad] over time [s], held or `ramped`, and `torque` [N.m] over the last angle [rad]."""
 
     title: str
     command: Callable[[float], float]
@@ -110,7 +110,7 @@ class Loop:
     def angles(self, step: float) -> list[float]:
         """Return the fin angle [deg] at every communication step of `step` [s], from 0 to STOP."""
         values = dict(load_parameters().values)
-        values["encoder.enabled"] = False  # its chatter would look like an error of the step (docs/model/numerics.md)
+        values["encoder.enabled"] = False  # counts would look like an error of the step (docs/model/numerics.md)
         core = ramped_core(values)
         supply = values["drive.supply_voltage"]
         angle, angles = 0.0, [0.0]
@@ -148,7 +148,7 @@ def steps() -> str:
 
 
 def bus() -> str:
-    """Return the table of peak current and lowest voltage of a bus whose four fins step 17 deg, every 0.1 ms."""
+    """Return the table of largest current and lowest voltage of a bus whose four fins step 17 deg together."""
     values, rows = load_parameters().values, []
     for resistance in (0.0, 0.02, 0.05):
         run = simulate_fins([values] * 4, 0.06, FINE, line={"bus.source_resistance": resistance},
@@ -159,7 +159,7 @@ def bus() -> str:
 
 
 def drift() -> str:
-    """Return the first rows that `emcas baseline check` prints after a gain has changed by 1 %, and its end."""
+    """Return the first rows that `emcas baseline check` prints after a gain has changed by 1 %, and its last table."""
     folder, gain = DOCS, "controller.position.kp"
     shipped = load_parameters()
     subject = ParameterSubject(shipped)
@@ -181,7 +181,8 @@ def _angle(model: str, chosen: Excitation) -> np.ndarray:
 
 
 def _over(extension: str, model: str) -> str:
-    """Return "yes" if an actuator can have an extension, otherwise ""; for `faults` their number."""
+    """Return "yes" if an actuator can have an extension, otherwise ""; for `faults` the numbers of faults and monitors.
+    """
     actuator = get(model)
     if not actuator.provides.issuperset(get_extension(extension).needs):
         return ""
@@ -249,7 +250,7 @@ def extensions() -> str:
 
 
 def models() -> str:
-    """Return the table of each model's difference from the nonlinear one in the reference cases: largest, and rms."""
+    """Return the table of largest and rms difference of each model from the nonlinear one in the reference cases."""
     others = [name for name in MODELS if name != NONLINEAR]
     rows = []
     for case in CASES:
@@ -288,7 +289,7 @@ def fitted() -> str:
 
 
 def structures() -> str:
-    """Return the table of the elastic models' differences from the nonlinear one in unloaded steps."""
+    """Return the table of the largest differences of `elastic`, `habibi` and `ozkan` from `nonlinear` in steps."""
     sizes = (1.0, 5.0, 20.0)
     rows = [[f"`{model}`", *(f"{degrees(np.abs(_step(model, size) - _step(NONLINEAR, size)).max()):.2g}°"
                              for size in sizes)] for model in ("elastic", "habibi", "ozkan")]
@@ -335,7 +336,7 @@ def figures() -> str:
 
 
 def slopes() -> str:
-    """Return the table of the motor current's slope and offset over constant references at rest, per drive set."""
+    """Return the table of slope and offset of the motor current over references held at rest, for each drive set."""
     volts = np.linspace(-4.0, 4.0, 17)
     rows = []
     for name in sets.DRIVES[1:]:
@@ -351,7 +352,7 @@ def slopes() -> str:
 
 
 def sheets() -> str:
-    """Return the table of the parameters that a user reads from a data sheet, drawing or controller, by that source."""
+    """Return the table of the parameters that a user reads from a data sheet, drawing or controller, by sheet."""
     rows: dict[tuple[str, str], tuple[dict[str, str], list[str]]] = {}
     extended = [(each, v) for each in EXTENSIONS for v in get_extension(each).parameters(get(NONLINEAR))]
     for owner, v in (*((name, v) for name in NAMES for v in get(name).file_entries), *extended):
@@ -384,14 +385,14 @@ def renewed(text: str, tables: Mapping[str, Callable[[], str]]) -> str:
         pattern = re.compile(rf"(<!-- {name} -->\n).*?(\n<!-- /{name} -->)", re.DOTALL)
         if len(pattern.findall(text)) != 1:
             raise ValueError(f"needs <!-- {name} --> and <!-- /{name} --> once")
-        table = f"\n{make()}\n"  # every renderer needs the blank lines to see a table
+        table = f"\n{make()}\n"  # Markdown needs the blank lines around a table
         text = pattern.sub(lambda match: match[1] + table + match[2], text)  # noqa: B023
     return text
 
 
 def main(check: bool, documents: Mapping[str, Mapping[str, Callable[[], str]]] = TABLES,
          script: str = "make_tables.py") -> int:
-    """Write the documents, or with `check` print those that are stale and return 1. Return 0 otherwise."""
+    """Write the documents and return 0; with `check` print those that are stale, and return 1 if there is one."""
     stale = 0
     for name, tables in documents.items():
         path = DOCS / name

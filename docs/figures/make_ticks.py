@@ -32,14 +32,14 @@ CASES = {"step of 5°": STEP, "slews of 40° against and with 100 N·m": SLEWS, 
 
 @dataclass(frozen=True)
 class Runs:
-    """Reference cases by name, or one run with input `columns` (SI, every 1 ms); both with changed parameters."""
+    """Reference cases by name, or one run with input `columns` (SI, every 1 ms), with changed parameters."""
 
     cases: tuple[str, ...] = ()
     changes: Mapping[str, Any] = field(default_factory=dict)
     columns: Mapping[str, Any] = field(default_factory=dict)
 
     def inputs(self, default: ParameterSet) -> Iterable[tuple[ParameterSet, Mapping[str, Any]]]:
-        """Return parameters without sensor counts, and input columns with `time` [s], of each run."""
+        """Yield the parameters without sensor counts, and the input columns with `time` [s], of each run."""
         if self.columns:
             exact = {"encoder.enabled": False, "transducer.resolution": 0.0}
             rows = len(next(iter(self.columns.values())))

@@ -1,6 +1,6 @@
-"""Compare shipped gains with two degrees of freedom for every kind of actuator, and plot the default one's trade-offs.
+"""Compare shipped gains with two degrees of freedom for every kind of actuator: table in docs/model/control.md.
 
-Writes the table of kinds in docs/model/control.md, and two_degrees_front.png.
+The script also plots two_degrees_front.png: trade-offs of the default actuator.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from emcas_fmu.parameters import ParameterSet, load_parameters
 SET = "two-degrees-of-freedom"
 KINDS = [name for name in NAMES if get(name).feed_forward is not None and (
     capabilities.POSITION_LOOP in get(name).provides)]
-RATED = {"servo": 5.0}  # N.m of hinge moment, if it is not that of Table 2
+RATED = {"servo": 5.0}  # N.m, rated hinge moment of an actuator to which Table 2 does not apply
 BANDWIDTHS = (0.0, 50.0, 100.0, 150.0, 250.0)  # 1/s, of the load observer
-FACTORS = np.linspace(0.8, 1.3, 11)  # of the loops' speed: kp and velocity.kp in proportion, ki with its square
+FACTORS = np.linspace(0.8, 1.3, 11)  # of the loops' speed: kp and velocity.kp in proportion, ki with the square
 LIMITS = {"phase_margin": 45.0, "gain_margin": 8.0, "peak_angle": 0.35, "bandwidth_3db": 18.0}
 
 
 def figure(
         parameters: ParameterSet, test: Test, name: str, variants: Any = ({},), sense: str = "maximum") -> list[float]:
-    """Return a figure of a set for each of its variants; margins and deviations in degrees."""
+    """Return a figure of a set for each of its variants; angles in degrees."""
     values = measure(test, ParameterSubject(parameters), list(variants), (name,), (sense,))[:, 0]
     return [float(v) for v in (np.degrees(values) if name in ("phase_margin", "peak_angle") else values)]
 

@@ -1,11 +1,11 @@
 """Tables of docs/tools/verdict.md: wrong actuators that the verdict detects, and sound ones that it passes.
 
     python docs/figures/make_verdict.py           # writes the tables
-    python docs/figures/make_verdict.py --check   # exit code 1 if one is stale
+    python docs/figures/make_verdict.py --check   # exit code 1 if a table is stale
 
 Each wrong actuator has changed parameters, a deviation as built, a fault, or a wrong line of a controller, and a list
-of the requirements that indicate its cause: it is detected if one of them is missed. The sound actuators are drawn
-within tolerances.
+of the requirements that indicate the cause: the actuator is detected if it misses one of these. The sound actuators are
+drawn within tolerances.
 """
 
 from __future__ import annotations
@@ -40,11 +40,10 @@ def samples(model: str) -> int:
 
 
 class Defect(NamedTuple):
-    """A wrong actuator: description, changed values, `factors` of shipped values, and requirements that indicate it.
+    """A wrong actuator: description, changed values, requirements that indicate the `causes`, `factors` of values.
 
-    It is the actuator under whose name it is listed, unless `model` names another; "+faults" adds the extension.
-    `files` are sets over the shipped values. A defect that no requirement detects has no causes, and the reason in
-    `why`.
+    `model` names the actuator if it is not the one of the list, or adds the extension with "+faults". `files` are sets
+    over the shipped values. A defect that no requirement detects has no `causes`, and the reason in `why`.
     """
 
     what: str
@@ -267,7 +266,7 @@ _BUILT = {"deviation.kinematics.moment_arm": 0.002, "deviation.kinematics.initia
           "deviation.friction.viscous": 0.3, "deviation.mass.fin": 0.1}
 _SHARES = {"motor.resistance": 0.1, "motor.inductance": 0.2, "inertia.motor": 0.05, "drive.transport_delay": 0.03,
            "drive.current_limit": 0.02, "drive.supply_voltage": 0.03}
-# Additional ones of single kinds, as a share.
+# Additional tolerances of single kinds, as a share.
 _OF_KINDS = {"drive_line.backlash": 0.2, "drive_line.contact_stiffness": 0.2, "drive_line.axial_compliance": 0.2,
              "drive_line.torsional_compliance": 0.2, "pwm.gain": 0.03, "second_order.natural_frequency": 0.05,
              "second_order.damping": 0.05, "second_order.rate_limit": 0.03, "motor.stall_torque": 0.1,
@@ -278,7 +277,7 @@ _TEMPERATURE = 10.0, 50.0  # degC
 
 @cache
 def _model(name: str) -> str:
-    """Return an actuator's name; for a file of this folder, the path of a copy beside the shipped parameters."""
+    """Return an actuator's name; for a file of this folder, the path of a copy beside a copy of models/emcas.toml."""
     if not name.endswith(".py"):
         return name
     folder = Path(mkdtemp(prefix="emcas-wrong-"))
@@ -297,7 +296,7 @@ def parameters_of(kind: str, defect: Defect) -> ParameterSet:
 
 @cache
 def missed(kind: str) -> tuple[str, ...]:
-    """Return the requirements that the shipped actuator misses, which indicate neither a defect nor a tolerance."""
+    """Return the requirements that the shipped actuator misses, which therefore count neither for nor against it."""
     return _failed(_judged(load_parameters(model=kind), [{}])[0])
 
 
@@ -342,7 +341,7 @@ def falsely_failing(model: str) -> tuple[tuple[str, ...], ...]:
 
 
 def confusion() -> str:
-    """Return the table of the numbers of wrong actuators that are detected and of sound ones that fail."""
+    """Return the table of the numbers of wrong actuators that are detected, and of sound actuators that fail."""
     rows = []
     for kind, defects in DEFECTS.items():
         detected = sum(bool({*failing(kind, k)} & {*defect.causes}) for k, defect in enumerate(defects))
@@ -368,12 +367,4 @@ TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {"tools/verdict.md": {
     "confusion": confusion, **{f"defects {kind}": partial(defects_of, kind) for kind in DEFECTS}}}
 
 if __name__ == "__main__":
-    if "--print" in sys.argv:
-        for kind, defects in DEFECTS.items():
-            for k, defect in enumerate(defects):
-                rows = failing(kind, k)
-                mark = "ok " if {*rows} & {*defect.causes} or not (rows or defect.causes) else "NOT"
-                print(mark, kind, "|", defect.what, "|", ", ".join(rows), flush=True)
-            print(kind, [rows for rows in falsely_failing(kind) if rows], flush=True)
-        sys.exit()
     sys.exit(main("--check" in sys.argv, TABLES, "make_verdict.py"))

@@ -25,14 +25,14 @@ DEFAULT = degrees(atan(BASE["worm.starts"] / BASE["worm.diameter_quotient"]))
 
 
 def plant(lead: float, friction: float, ratio: float = 60.0) -> Any:
-    """Return the plant's parameters with a lead angle [deg] and the number of starts for a worm of usual thickness."""
+    """Return the plant's parameters for a lead angle [deg], with the number of starts of a worm of usual thickness."""
     starts = 1.0 if lead < 8.0 else 2.0 if lead < 14.0 else 4.0
     return get(MODEL).plant({**BASE, "worm.starts": starts, "worm.teeth": ratio * starts,
                              "worm.diameter_quotient": starts / tan(radians(lead)), "worm.friction": friction})
 
 
 def motor_torque(p: Any, load: float) -> float:
-    """Return the torque [N.m] of a slowly turning motor against a hinge moment `load` [N.m] (negative: with it)."""
+    """Return the torque [N.m] of a slowly turning motor against a hinge moment `load` [N.m], along it if negative."""
     at_worm = (load + p.friction.fin_coulomb) / worm.ratio(p)
     share = 1.0 / worm.forward(FLOATS, p, 0.0) if at_worm > 0.0 else worm.backward(FLOATS, p, 0.0)
     return float(p.friction.coulomb.positive[0] + share * at_worm)

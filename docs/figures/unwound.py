@@ -16,7 +16,7 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     """Return the result of a sample of the shipped controllers, with a wrong velocity integral."""
     values = dict(nonlinear.sample(ops, p, x, inputs))
     reference = values["reference"]
-    # What the drive follows minus the reference: 0 within the current limit, of opposite sign to the reference beyond.
+    # 0 within the current limit; beyond it the followed reference is smaller.
     beyond = drive.followed(ops, p, reference) - reference
     drift = p.controller.sample_time * p.controller.drive_antiwindup * beyond
     values["velocity_integral"] = values["velocity_integral"] + ops.where(inputs.enable, drift, 0.0)
