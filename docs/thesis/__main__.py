@@ -20,7 +20,7 @@ app = typer.Typer(add_completion=False, rich_markup_mode="rich")
 
 
 class Program(TyperCommand):
-    """A program with the output, the help and the provenance in its page of an `emcas` command."""
+    """A program whose output, help and provenance are like those of an `emcas` command."""
 
     def __init__(self, *args: Any, **named: Any) -> None:
         super().__init__(*args, **named)
@@ -50,7 +50,7 @@ def thesis(
                                                    metavar="ENTRY")] = None,
     as_json: common.JsonOption = None,
 ) -> None:
-    """Show each entry of the thesis's lists of figures and tables: reproduced, with this set's values, or why not.
+    """Show each entry of the thesis's lists of figures and tables, or the reason why it is not shown.
 
     All entries take about 24 s of processor time. Exit code 1: an entry failed with these parameters.
     """

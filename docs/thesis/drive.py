@@ -31,7 +31,7 @@ def torque_speed(runs: Runs) -> Shown:
                   curve.corner_speed * 30.0 / pi)
                  for label, curve in zip(("continuous", f"for {SHORT:g} s"), capability.curves.values(), strict=True))
     return Shown(f"{runs.values['friction.temperature']:g} °C · from cold · supply as set", envelope.draw(capability),
-                 "The largest torque in steady motion that heat, the drive's current and the supply allow.",
+                 "The largest torque in steady motion that heat, the drive's current limit and the supply allow.",
                  Table(("", "current [A]", "limited by", "torque at standstill [N.m]", "voltage limits from [rpm]"),
                        rows),
                  "the curves' values and the duration of short-term torque; 10 s and the motor's heat are estimates.")
@@ -51,26 +51,26 @@ def motor(runs: Runs) -> Shown:
 
 def current_gain(runs: Runs) -> Shown:
     """Show the reference current and the motor current over the analogue reference (Figure 3.4)."""
-    volts, given = np.linspace(-4.0, 4.0, 17), [runs.values[name] for name in GAINS]
-    asked = physics.current_reference_raw(runs.parameters.nested(), volts)
+    volts, gains = np.linspace(-4.0, 4.0, 17), [runs.values[name] for name in GAINS]
+    reference = physics.current_reference_raw(runs.parameters.nested(), volts)
 
     def after(step: float, rows: int) -> list[float]:
-        return [float(response(given, 0.0, np.array([0.0] + [v] * rows), None, step, runs.values)[-1]) for v in volts]
+        return [float(response(gains, 0.0, np.array([0.0] + [v] * rows), None, step, runs.values)[-1]) for v in volts]
 
     soon, late = after(1e-3, 50), after(10.0, 100)
     rows = tuple((name, *map(float, np.polyfit(volts, column, 1)))
-                 for name, column in (("reference", asked), ("after 50 ms", soon), ("after 1000 s", late)))
+                 for name, column in (("reference", reference), ("after 50 ms", soon), ("after 1000 s", late)))
     return Shown(_HELD.format("-4 to 4 V"), panels([Panel("motor current [A]", [
-        Line(volts, asked, "reference"), Line(volts, soon, "after 50 ms", DOTS),
+        Line(volts, reference, "reference"), Line(volts, soon, "after 50 ms", DOTS),
         Line(volts, late, "after 1000 s", {**DOTS, "markerfacecolor": "none", "markersize": 6.0})])],
         "analogue reference [V]"),
-        "The thesis's line is 8.19 A/V and -0.015 A. The loop's integral determines how soon the current reaches it.",
+        "The thesis's line is 8.19 A/V and -0.015 A. The loop's integral determines when the current reaches it.",
         Table(("", "slope [A/V]", "offset [A]"), rows),
         "how long each reference was held; the measured points are not published.")
 
 
 def current_loop(runs: Runs) -> Shown:
-    """Show a step of the current loop (Figure 3.6)."""
+    """Show a step response of the current loop (Figure 3.6)."""
     level, begin, step = 1.0, 5e-3, 2e-5
     time = np.arange(round(0.03 / step)) * step
     reference = np.where(time < begin, 0.0, level)

@@ -1,5 +1,4 @@
-"""The entries of the thesis's list of figures and list of tables, in their order, with titles in words of this package.
-"""
+"""The entries of the thesis's lists of figures and tables, in their order, with titles in words of this package."""
 
 from __future__ import annotations
 
@@ -26,11 +25,8 @@ def _entry(kind: str, number: str, title: str, what: Show | str, note: str = "",
 _figure, _table = partial(_entry, "Figure"), partial(_entry, "Table")
 
 
-def _sweep(rpm: int, temperature: float) -> Show:
-    return lambda runs: friction.sweep(runs, rpm, temperature)
-
-
-def _of(show: Callable[..., Shown], *arguments: Any) -> Show:
+def _with(show: Callable[..., Shown], *arguments: Any) -> Show:
+    """Return a function of runs that calls `show` with these further arguments."""
     return lambda runs: show(runs, *arguments)
 
 
@@ -73,28 +69,29 @@ FIGURES = (
     _figure("3.11", "Zero position of the fork", DRAWING, "In numbers: Table 9."),
     _figure("3.12", "Zero position of screw and nut", DRAWING, "In numbers: Table 10."),
     _figure("3.13", "Friction measurement test setup", UNSEEN, "The simulated setup: Table 12."),
-    _figure("3.14", "Rig's motor at 50 rpm, 24 °C", _sweep(50, WARM)),
-    _figure("3.15", "Rig's motor at 500 rpm, 24 °C", _sweep(500, WARM)),
-    _figure("3.16", "Rig's motor at 1000 rpm, 24 °C", _sweep(1000, WARM)),
-    _figure("3.17", "Rig's motor at 1500 rpm, 24 °C", _sweep(1500, WARM)),
-    _figure("3.18", "Rig's motor at 2000 rpm, 24 °C", _sweep(2000, WARM)),
-    _figure("3.19", "Rig's motor at 50 rpm, -6 °C", _sweep(50, COLD)),
-    _figure("3.20", "Rig's motor at 500 rpm, -6 °C", _sweep(500, COLD)),
-    _figure("3.21", "Rig's motor at 1000 rpm, -6 °C", _sweep(1000, COLD)),
-    _figure("3.22", "Rig's motor at 1500 rpm, -6 °C", _sweep(1500, COLD)),
-    _figure("3.23", "Rig's motor at 2000 rpm, -6 °C", _sweep(2000, COLD)),
-    _figure("3.24", "Friction over motor speed, 24 °C", _of(friction.against_speed, WARM)),
-    _figure("3.25", "Friction over motor speed, -6 °C", _of(friction.against_speed, COLD)),
-    _figure("3.26", "Friction over motor speed at both temperatures", _of(friction.against_speed, WARM, COLD)),
+    _figure("3.14", "Rig's motor at 50 rpm, 24 °C", _with(friction.sweep, 50, WARM)),
+    _figure("3.15", "Rig's motor at 500 rpm, 24 °C", _with(friction.sweep, 500, WARM)),
+    _figure("3.16", "Rig's motor at 1000 rpm, 24 °C", _with(friction.sweep, 1000, WARM)),
+    _figure("3.17", "Rig's motor at 1500 rpm, 24 °C", _with(friction.sweep, 1500, WARM)),
+    _figure("3.18", "Rig's motor at 2000 rpm, 24 °C", _with(friction.sweep, 2000, WARM)),
+    _figure("3.19", "Rig's motor at 50 rpm, -6 °C", _with(friction.sweep, 50, COLD)),
+    _figure("3.20", "Rig's motor at 500 rpm, -6 °C", _with(friction.sweep, 500, COLD)),
+    _figure("3.21", "Rig's motor at 1000 rpm, -6 °C", _with(friction.sweep, 1000, COLD)),
+    _figure("3.22", "Rig's motor at 1500 rpm, -6 °C", _with(friction.sweep, 1500, COLD)),
+    _figure("3.23", "Rig's motor at 2000 rpm, -6 °C", _with(friction.sweep, 2000, COLD)),
+    _figure("3.24", "Friction over motor speed, 24 °C", _with(friction.against_speed, WARM)),
+    _figure("3.25", "Friction over motor speed, -6 °C", _with(friction.against_speed, COLD)),
+    _figure("3.26", "Friction over motor speed at both temperatures", _with(friction.against_speed, WARM, COLD)),
     _figure("3.27", "Viscous friction from a straight line", friction.viscous_fit),
-    _figure("3.28", "Rig's motor at 25 rpm with its position, 24 °C", _sweep(friction.SLOW, WARM)),
-    _figure("3.29", "Coulomb friction over the fin angle, 24 °C", _of(friction.against_angle, WARM)),
-    _figure("3.30", "Rig's motor at 25 rpm with its position, -6 °C", _sweep(friction.SLOW, COLD)),
-    _figure("3.31", "Coulomb friction over the fin angle, -6 °C", _of(friction.against_angle, COLD)),
-    _figure("3.32", "Coulomb friction over the fin angle, both temperatures", _of(friction.against_angle, WARM, COLD)),
-    _figure("3.33", "Polynomial of Coulomb friction, positive direction", _of(friction.curve_fit, 1)),
-    _figure("3.34", "Polynomial of Coulomb friction, negative direction", _of(friction.curve_fit, -1)),
-    _figure("3.35", "Polynomials of both directions", _of(friction.curve_fit, 1, -1)),
+    _figure("3.28", "Rig's motor at 25 rpm with its position, 24 °C", _with(friction.sweep, friction.SLOW, WARM)),
+    _figure("3.29", "Coulomb friction over the fin angle, 24 °C", _with(friction.against_angle, WARM)),
+    _figure("3.30", "Rig's motor at 25 rpm with its position, -6 °C", _with(friction.sweep, friction.SLOW, COLD)),
+    _figure("3.31", "Coulomb friction over the fin angle, -6 °C", _with(friction.against_angle, COLD)),
+    _figure("3.32", "Coulomb friction over the fin angle, both temperatures",
+            _with(friction.against_angle, WARM, COLD)),
+    _figure("3.33", "Polynomial of Coulomb friction, positive direction", _with(friction.curve_fit, 1)),
+    _figure("3.34", "Polynomial of Coulomb friction, negative direction", _with(friction.curve_fit, -1)),
+    _figure("3.35", "Polynomials of both directions", _with(friction.curve_fit, 1, -1)),
     _figure("3.36", "Encoders for the measurement of backlash", DRAWING),
     _figure("3.37", "Fin angle from two encoders", kinematics.two_encoders),
     _figure("3.38", "Backlash", kinematics.backlash),
@@ -163,9 +160,9 @@ ENTRIES = (*FIGURES, *TABLES)
 
 
 def find(names: Iterable[str]) -> tuple[Entry, ...]:
-    """Return entries by name (``5.18``, ``Figure 5.18``, ``Table 4``) in the order of the lists; all without names.
+    """Return the entries with these names (``5.18``, ``Figure 5.18``, ``Table 4``) in the order of the lists.
 
-    Raises EmcasError for an unknown name.
+    Without names all entries are returned. Raises EmcasError for an unknown name.
     """
     known = {_key(entry.name): entry for entry in ENTRIES}
     chosen = set()

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 DRAWING = "drawing"
 PHOTOGRAPH = "photograph"
 UNSEEN = "drawing or photograph"
-"""Reason for a picture whose title does not tell which of both it is; the preserved text has no pictures."""
+"""Reason for a picture whose title does not show which of the two it is; the available text has no pictures."""
 SCREENSHOT = "screen of a program"
 HARDWARE = "list of hardware"
 TEST_DATA = "test data, not published"
@@ -25,7 +25,7 @@ REASONS = {DRAWING: "drawings", PHOTOGRAPH: "photographs", UNSEEN: "drawings or 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells (text, number, Boolean or None); the name of a column ends with its unit in brackets."""
+    """Rows of cells (text, number, Boolean or None); names of columns end with the unit in brackets."""
 
     columns: tuple[str, ...]
     rows: Sequence[tuple[Any, ...]]
@@ -39,8 +39,8 @@ class Table:
 class Shown:
     """The content of an entry: a figure with its caption, a table, or both.
 
-    `conditions` are temperature, command and load in a line; `unknown` lists what the thesis's text does not state
-    about its test, with the assumptions made instead.
+    `conditions` are temperature, command and load in a line. `unknown` lists the data of the thesis's test that are not
+    available, with the assumptions made instead.
     """
 
     conditions: str
@@ -58,10 +58,10 @@ Show = Callable[["Runs"], Shown]
 class Entry:
     """An entry: ``Figure`` or ``Table``, its number, and a title in words of this package.
 
-    `show` returns its content. If it is not shown, `reason` is one of REASONS, and `note` names the place in this
-    package that has the content, if any. `met` names the numbers or the curve of the thesis that the content
-    reproduces; without it, the values are those of the parameter set. `structure`: the thesis has a block diagram or
-    structure, and the entry shows how this behaves.
+    `show` returns the content. If an entry is not shown, `reason` is one of REASONS, and `note` names the file or entry
+    that has the content, if any. `met` names the numbers or the curve of the thesis that the content reproduces; if it
+    is empty, the values are those of the parameter set. `structure` is true if the thesis has only a block diagram or
+    structure, whose behaviour the entry shows.
     """
 
     kind: str

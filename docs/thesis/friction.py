@@ -1,4 +1,7 @@
-"""Section 3.3: friction measured by the rig over speed, fin angle and temperature (Figures 3.14 to 3.35)."""
+"""Section 3.3: friction measured by the rig over speed, fin angle and temperature.
+
+Figures 3.14 to 3.35, Tables 13 to 15.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +32,8 @@ _UNKNOWN = ("the rig's motor, its acceleration and the range of the sweep, which
 
 def _conditions(temperature: float | str, speed: str) -> str:
     at = f"{temperature:g}" if isinstance(temperature, float) else temperature
-    return (f"{at} °C · rig's motor: {speed}, {100 * REACH:.0f} % of the range of commands up and down · unit's drive "
-            "off, no load")
+    return (f"{at} °C · rig's motor: {speed}, {100 * REACH:.0f} % of the range of commands up and down · actuator's "
+            "drive off, no load")
 
 
 def _parameters(runs: Runs, temperature: float) -> Any:
@@ -43,7 +46,7 @@ def _coulomb(runs: Runs, temperature: float, direction: int, fin: Any) -> Any:
 
 
 def sweep(runs: Runs, rpm: int, temperature: float) -> Shown:
-    """Show speed and current of the rig's motor (Figures 3.14 to 3.23), and the position of a slow one (3.28, 3.30)."""
+    """Show speed and current of the rig's motor (Figures 3.14 to 3.23); if slow, also the fin angle (3.28, 3.30)."""
     s = runs.friction(rpm, temperature)
     parts = [Panel("speed [rpm]", [Line(s.time, s.commanded / RPM, "command", plots.COMMAND),
                                    Line(s.time, s.motor_speed / RPM, "rig's motor")]),
@@ -59,7 +62,7 @@ def sweep(runs: Runs, rpm: int, temperature: float) -> Shown:
 
 
 def _points(runs: Runs, temperature: float) -> dict[int, tuple[Array, Array]]:
-    """Return speeds [rpm] and the actuator's mean friction [N.m] at each, by direction."""
+    """Return, by direction, the speeds [rpm] and the actuator's mean friction [N.m] at each speed."""
     sweeps = [runs.friction(rpm, temperature) for rpm in SPEEDS]
     return {d: (np.array([s.speed for s in sweeps]) / RPM, np.array([s.mean_friction(d) for s in sweeps]))
             for d in DIRECTIONS}
@@ -175,7 +178,7 @@ def temperatures(runs: Runs) -> Shown:
 
 
 def summary(runs: Runs) -> Shown:
-    """Show the friction parameters at 24 degC, measured by the rig and of the set (Table 14)."""
+    """Show the friction parameters at 24 degC: measured by the rig, and those of the set (Table 14)."""
     p, rows = _parameters(runs, WARM), []
     for d, name in DIRECTIONS.items():
         slope, level = _line(*_points(runs, WARM)[d])
@@ -195,5 +198,5 @@ def coefficients(runs: Runs) -> Shown:
     return Shown(_conditions(WARM, f"{SLOW} rpm"),
                  table=Table(("power of (fin angle / 20°)", *(f"{name}, {who} [N.m]" for name in DIRECTIONS.values()
                                                               for who in ("rig", "parameters"))), rows),
-                 caption="Single coefficients are poorly determined beside each other; the curves agree (Figure 3.35).",
+                 caption="Single coefficients are poorly determined; the curves agree (Figure 3.35).",
                  unknown=_UNKNOWN)

@@ -2,9 +2,9 @@
 
     (J_r + J) dw/dt = K_r i - C_r sgn w - b_r w - actuator's friction         i = clip(k_p e + k_i int e), e = n - w
 
-The rig's motor is on the screw's axis, so its inertia J_r is added to the rotor's. At constant speed its torque, from
-the current, minus its own friction is the actuator's friction: the method of section 3.3. A sweep goes from one end of
-the range to the other and back; acceleration, dwell and range are estimates.
+The rig's motor is on the screw's axis, so its inertia J_r is added to the rotor's. At constant speed the actuator's
+friction is the torque of the rig's motor, from the current, less the friction of this motor: the method of section 3.3.
+A sweep goes from one end of the range to the other and back; acceleration, dwell and range are estimates.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from emcas_fmu.physics import kinematics
 from emcas_fmu.simulation import Array
 
 from .rigs import rig_values
-from .stepping import SteppedUnit
+from .stepping import SteppedActuator
 
 RPM = 2.0 * pi / 60.0
 REACH = 0.95  # share of command.limit that a sweep covers in both directions
@@ -35,8 +35,8 @@ _SETTLES = 0.05  # s, time after the ramp in which the speed loop settles
 class Sweep:
     """A sweep up and down: signals over time [s], SI.
 
-    `speed` [rad/s] is the commanded speed, `temperature` is in degC. `steady` has a mask of the rows at constant speed
-    for each direction, 1 and -1. Means are over fin angles within +-`about_zero` [rad].
+    `speed` [rad/s] is the commanded speed, `temperature` is in degC. `steady` has masks of the rows at constant speed,
+    by direction (1 and -1). Means are over fin angles within +-`about_zero` [rad].
     """
 
     speed: float
@@ -58,11 +58,11 @@ class Sweep:
         return torque
 
     def mean_friction(self, direction: int) -> float:
-        """Return the mean friction [N.m] about fin angle 0; nan without constant speed there."""
+        """Return the mean friction [N.m] about fin angle 0; nan if the speed is not constant there."""
         return self._mean(self.friction(direction), direction)
 
     def mean_current(self, direction: int) -> float:
-        """Return the rig's mean current [A] about fin angle 0; nan without constant speed there."""
+        """Return the rig's mean current [A] about fin angle 0; nan if the speed is not constant there."""
         return self._mean(self.current[self.steady[direction]], direction)
 
     def _mean(self, column: Array, direction: int) -> float:
@@ -79,21 +79,21 @@ def sweep(values: Mapping[str, Any], rpm: float, temperature: float) -> Sweep:
     p = nonlinear.ACTUATOR.plant(values)
     low, high = (float(kinematics.motor_angle(FLOATS, p, angle)) for angle in (start, -start))
     commanded, constant = _profile(rpm * RPM, high - low, rig.acceleration, rig.sample_time)
-    unit = SteppedUnit(values, rig.sample_time)
-    speed_at, angle_at = unit.index("motor_speed"), unit.index("motor_angle")
+    actuator = SteppedActuator(values, rig.sample_time)
+    speed_index, angle_index = actuator.index("motor_speed"), actuator.index("motor_angle")
     currents, integral = [], 0.0
-    for wanted in commanded:
-        speed, angle = unit.now[speed_at], unit.now[angle_at]
-        error = wanted - speed
-        asked = rig.speed_kp * error + integral
-        current = min(max(asked, -rig.current_limit), rig.current_limit)
-        if current == asked:
+    for reference in commanded:
+        speed, angle = actuator.now[speed_index], actuator.now[angle_index]
+        error = reference - speed
+        unlimited = rig.speed_kp * error + integral
+        current = min(max(unlimited, -rig.current_limit), rig.current_limit)
+        if current == unlimited:
             integral += rig.speed_ki * rig.sample_time * error
         currents.append(current)
         torque = _net(rig, rig.torque_constant * current, speed)
         ratio = kinematics.reduction_ratio(FLOATS, p, kinematics.lever_tangent(FLOATS, p, angle))
-        unit.run(aero_torque=float(torque * ratio), enable=False)
-    columns = unit.columns()
+        actuator.run(aero_torque=float(torque * ratio), enable=False)
+    columns = actuator.columns()
     return Sweep(rpm * RPM, temperature, columns["time"][:-1], np.array(currents), columns["motor_speed"][:-1],
                  columns["motor_angle"][:-1], columns["fin_angle"][:-1], commanded, constant,
                  _ABOUT_ZERO * float(values["command.limit"]))

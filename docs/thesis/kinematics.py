@@ -19,18 +19,18 @@ from emcas_fmu.studies.analysis.modes import load_rod, modes_at, thesis_modes
 from emcas_fmu.studies.identification import backlash as identification
 
 from .entry import Shown, Table
-from .pictures import Line, Panel, angle, of_run, panels
+from .pictures import Line, Panel, angle, command_of, panels
 from .rigs import Columns
 from .runs import Runs
 
 ASSEMBLY = (0.0, 2.5, 5.0, 7.5, 10.0)  # deg
-# A slow sine with friction at the fin, so that the flank changes with the direction, as in docs/model/elastic.md.
+# Friction at the fin makes the flank change with the direction, as in docs/model/elastic.md.
 _BACKLASH = {"friction.fin_coulomb": 5.0}
 _SWING, _FREQUENCY, _CYCLES = 10.0, 0.25, 3  # deg, Hz
 
 
 def assembly(runs: Runs) -> Shown:
-    """Show the mounted lever, and the fin rates in both directions over its assembly angle (Figure 2.1)."""
+    """Show the mounted lever, and the fin rates in both directions over the assembly angle (Figure 2.1)."""
     p, reach = runs.parameters.nested(), runs.reach
     rates = []
     for mounted in ASSEMBLY:
@@ -82,13 +82,13 @@ def natural_frequencies(runs: Runs) -> Shown:
     rod = load_rod()
     thesis, here = thesis_modes(rod), modes_at(rod, runs.values, 0.0)
     rows = (("inertia on the rod [kg.m2]", rod["thesis.inertia"], here["inertia_kgm2"]),
-            ("mass on it [kg]", rod["thesis.mass"], here["mass_kg"]), *((label, thesis[name], here[name])
+            ("mass on the rod [kg]", rod["thesis.mass"], here["mass_kg"]), *((label, thesis[name], here[name])
             for name, label in (("axial_hz", "in tension [Hz]"), ("torsional_hz", "in torsion [Hz]"),
                                 ("axial_over_bandwidth", "in tension, over the bandwidth"),
                                 ("torsional_over_bandwidth", "in torsion, over the bandwidth"))))
     return Shown("rod of Table 1 (models/rod.toml)",
-                 table=Table(("", "with Table 1's inertia and mass", "with the set's"), rows),
-                 caption="The thesis finds {} to {} times the bandwidth: that divides rad/s by Hz.".format(
+                 table=Table(("", "with Table 1's inertia and mass", "with those of the set"), rows),
+                 caption="The thesis states {} to {} times the bandwidth, which divides rad/s by Hz.".format(
                      *(int(thesis[f"{name}_rad_per_s_over_hz"]) for name in ("axial", "torsional"))))
 
 
@@ -114,13 +114,14 @@ def two_encoders(runs: Runs) -> Shown:
         Panel("fin angle [deg]", [Line(time, direct, "direct"), Line(time, indirect, "through the motor",
                                                                     {"linestyle": (0, (4, 2))})]),
         Panel("difference [deg]", [Line(time, direct - indirect)])], "time [s]"),
-        "The direct angle lags the motor's by half the gap and the drive line's twist, in either direction.",
+        "In either direction the direct angle lags the angle through the motor by half the gap and the twist of the "
+        "drive line.",
         Table(("", "value"), (("difference, peak to peak [deg]", float(np.ptp((direct - indirect)[time > 1.0]))),)),
         "the motion and the load, which are estimates here. Counts of the encoders are left out.")
 
 
 def backlash(runs: Runs) -> Shown:
-    """Show the backlash that `emcas identify backlash` finds in that motion (Figure 3.38)."""
+    """Show the backlash that `emcas identify backlash` finds in the motion of Figure 3.37 (Figure 3.38)."""
     columns = _backlash(runs)
     with TemporaryDirectory() as folder:
         record = Path(folder) / "backlash.csv"
@@ -136,11 +137,11 @@ def backlash(runs: Runs) -> Shown:
     return Shown(_slow(runs), drawing.figure, drawing.caption,
                  Table(("", "value"), (("identified [deg]", gap.value), ("the gap itself, at fin angle 0 [deg]", play),
                                        ("required accuracy (Table 2) [deg]", 0.2))),
-                 "the measured value; it was much smaller than the accuracy, and the thesis's model leaves it out.")
+                 "the measured backlash. It was much smaller than the accuracy, and the thesis's model leaves it out.")
 
 
 def encoder(runs: Runs) -> Shown:
-    """Show the fin angle that the controllers read beside the true one (Figure 5.15)."""
+    """Show the true fin angle, and the fin angle that the controllers read (Figure 5.15)."""
     run = runs.run(sine_from_rest(radians(0.05), 2.0, 1.0))
     p, time = runs.parameters.nested(), run.columns["time"]
     count = float(sensors.resolution(p))
@@ -150,7 +151,7 @@ def encoder(runs: Runs) -> Shown:
             ("a count [deg]", degrees(count)), ("a count at the fin, at fin angle 0 [deg]", degrees(float(at_fin))),
             ("a count each sample, as fin rate [deg/s]", degrees(float(at_fin)) / p.controller.sample_time))
     return Shown(runs.conditions("sine of 0.05° at 2 Hz"), panels([Panel("fin angle [deg]", [
-        of_run(run), angle(run.columns, "true"),
+        command_of(run), angle(run.columns, "true"),
         Line(time, np.degrees(run.columns["measured_fin_angle"]), "as read", {"drawstyle": "steps-post"})])],
         "time [s]", (0.0, 0.6)),
         "The encoder's whole counts, converted to fin angle.", Table(("", "value"), rows),

@@ -31,19 +31,19 @@ def _conditions(runs: Runs) -> str:
 def torque_loop(runs: Runs) -> Shown:
     """Show how the setup's torque loop loads a fin that the actuator holds (Figure 5.17)."""
     time = times(0.6)
-    asked = RATED * np.clip((time - LEAD_IN) / LOAD_RISE, 0.0, 1.0)
-    values = {**runs.values, "fin.start_angle": 0.0}  # held, not on its way there
-    run = loading_rig.run(values, Excitation("load comes on", {COMMAND: 0.0 * time, LOAD: asked}, LEAD_IN))
+    requested = RATED * np.clip((time - LEAD_IN) / LOAD_RISE, 0.0, 1.0)
+    values = {**runs.values, "fin.start_angle": 0.0}  # the fin is held from the start
+    run = loading_rig.run(values, Excitation("load comes on", {COMMAND: 0.0 * time, LOAD: requested}, LEAD_IN))
     share = run.applied / RATED
     after, fin = time > LEAD_IN - STEP / 2, run.columns["fin_angle"]
     moved = fin[after] - fin[~after][-1]
     rows = (("rise 10-90 % [ms]", 1e3 * (crossing(time, share, 0.9) - crossing(time, share, 0.1))),
             ("overshoot [%]", 100.0 * max(float(np.max(share)) - 1.0, 0.0)),
             ("settling 2 % [ms]", 1e3 * settling(time[after], np.abs(share - 1.0)[after], 0.02)),
-            ("largest fin angle by it [deg]", degrees(float(np.max(np.abs(moved))))))
+            ("largest deflection of the fin [deg]", degrees(float(np.max(np.abs(moved))))))
     load = f"{RATED:g} N.m requested from the loading test setup within {1e3 * LOAD_RISE:g} ms"
     return Shown(runs.conditions("0", load), panels([
-        Panel("moment [N.m]", [Line(time, asked, "requested", {"color": GRAY}),
+        Panel("moment [N.m]", [Line(time, requested, "requested", {"color": GRAY}),
                                Line(time, run.applied, "applied")]),
         Panel("fin angle [deg]", [angle(run.columns)])], "time [s]", (0.0, 0.4)),
         "The torque loop feeds the requested moment forward, and corrects the moment by the sensor's reading.",
@@ -61,13 +61,13 @@ def commanded(runs: Runs) -> Shown:
 def applied(runs: Runs) -> Shown:
     """Show the moment that the setup applies (Figure 5.28)."""
     run = runs.loaded
-    time, missed = run.columns["time"], run.applied - run.asked
+    time, missed = run.columns["time"], run.applied - run.requested
     rows = []
     for label, begin in zip(("against the load", "with the load"), SLEWS, strict=True):
         during = missed[(time >= begin) & (time < begin + _SPAN)]
         rows.append((label, float(np.max(np.abs(during))), rms(during)))
     return Shown(_conditions(runs), panels([Panel("moment on the fin [N.m]", [
-        Line(time, run.asked, "requested", {"color": GRAY}), Line(time, run.applied, "applied")])], "time [s]"),
+        Line(time, run.requested, "requested", {"color": GRAY}), Line(time, run.applied, "applied")])], "time [s]"),
         "The peaks come from the setup's inertia and friction, which the fin has to move until the torque loop has "
         "compensated them; they also occur before 1 s, without a requested moment.",
         Table(("slew", "largest difference [N.m]", "root mean square [N.m]"), rows), _UNKNOWN)
@@ -82,7 +82,7 @@ def _rates(runs: Runs, columns: Columns) -> list[float]:
 
 
 def results(runs: Runs) -> Shown:
-    """Show angle, rate and current of the loaded test, and those with exactly the requested moment (Figure 5.29)."""
+    """Show angle, rate and current of the loaded test: with the setup, and with an exact moment (Figure 5.29)."""
     return _results(runs, (0.0, float(runs.loaded.columns["time"][-1])), "The whole test.")
 
 
@@ -103,5 +103,5 @@ def _results(runs: Runs, window: tuple[float, float], caption: str) -> Shown:
         Panel("current [A]", [current(c, **look) for c, look in zip(both.values(), looks)])], "time [s]", window),
         f"{caption} Dashed: with exactly the requested moment. Dotted: 200 deg/s, the required rate against "
         f"{RATED:g} N.m (Table 2).",
-        Table(("load by", "mean rate against it [deg/s]", "mean rate with it [deg/s]", "largest current [A]"), rows),
-        _UNKNOWN)
+        Table(("load from", "mean rate against the load [deg/s]", "mean rate with the load [deg/s]",
+               "largest current [A]"), rows), _UNKNOWN)

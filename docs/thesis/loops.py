@@ -23,7 +23,7 @@ from emcas_fmu.studies.validate.claims import compare
 
 from .entry import Show, Shown, Table
 from .listings import COLUMNS, rows_of
-from .pictures import DASHED, Line, Panel, angle, current, of_run, panels, rate
+from .pictures import DASHED, Line, Panel, angle, command_of, current, panels, rate
 from .runs import COLD, WARM, Runs
 
 _LINEAR_SPAN = 0.4  # s after a step of the linear comparison
@@ -90,7 +90,7 @@ def antiwindup(runs: Runs) -> Shown:
     as_set = responses["as set"]
     return Shown(runs.conditions(f"slew from {-degrees(runs.reach):g}° to {degrees(runs.reach):g}° at 1 s",
                                  f"-{RATED:g} N.m, against the slew"), panels([
-        Panel("fin angle [deg]", [of_run(as_set), *(angle(run.columns, name) for name, run in responses.items())]),
+        Panel("fin angle [deg]", [command_of(as_set), *(angle(run.columns, name) for name, run in responses.items())]),
         Panel("fin rate [deg/s]", [rate(run.columns) for run in responses.values()]),
         Panel("reference [V]", [Line(run.columns["time"], run.columns["drive_reference"])
                                 for run in responses.values()])], "time [s]", (0.95, 2.3)),
@@ -117,7 +117,8 @@ def compensation(runs: Runs) -> Shown:
             (switched if gain else lines).append(error)
     return Shown(f"{WARM:g} and {COLD:g} °C · command: sine of 1° at 0.5 Hz · load: none", panels([
         Panel("command - angle [deg]", lines), Panel("command - angle [deg]", switched)], "time [s]", (2.0, 6.0)),
-        "Top: with the compensation; bottom: without it. Friction causes an error at every reversal, larger at -6 °C.",
+        "Top: with the compensation; bottom: without it. Friction causes an error at every reversal; the error is larger "
+        "at -6 °C than at 24 °C.",
         Table(("", "rms error [deg]", "peak error [deg]", "rms current [A]"), rows),
         "all responses: the thesis shows only the block. The slow sine here makes the effect of friction visible.")
 
@@ -147,12 +148,12 @@ def homing(runs: Runs) -> Shown:
 def requirements(runs: Runs) -> Shown:
     """Show the requirements of the position controller, and the measured figures (Table 17)."""
     study = shipped_study(runs.parameters)
-    asked = tuple(r for r in study.requirements if r.test and r.test.kind != "linear")  # margins need more packages
+    judged = tuple(r for r in study.requirements if r.test and r.test.kind != "linear")  # margins need more packages
     gains = {t.name: float(runs.values[t.name]) for t in study.tunables}
-    (judged,) = evaluate(replace(study, cases=study.cases[:1], requirements=asked), [gains])
-    nominal = judged.by_requirement()
+    (evaluation,) = evaluate(replace(study, cases=study.cases[:1], requirements=judged), [gains])
+    nominal = evaluation.by_requirement()
     rows = []
-    for r in asked:
+    for r in judged:
         if r.name in nominal:
             unit, factor = shown(r.unit)
             title = f"{r.name.replace('_', ' ')}: {FIGURES[r.figure].title}"
@@ -170,8 +171,8 @@ def tunables(runs: Runs) -> Shown:
     units = {e.variable.name: e.variable.unit for e in runs.parameters.entries}
     rows = tuple((t.name, units[t.name], t.lower, t.upper) for t in study.tunables)
     return Shown("models/tuning.toml", table=Table(("parameter", "unit", "from", "to"), rows),
-                 unknown="the thesis's bounds; these are estimates. It optimises both loops and the anti-windup. "
-                 + _WEIGHT)
+                 unknown="the thesis's bounds; these are estimates. The thesis optimises both loops and the "
+                 f"anti-windup. {_WEIGHT}")
 
 
 def optimised(runs: Runs) -> Shown:

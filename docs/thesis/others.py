@@ -1,5 +1,4 @@
-"""Other actuators in chapter 1 of the thesis: models of other authors (Figures 1.4 to 1.6), other kinds of actuation
-(Figures 1.7 to 1.12)."""
+"""Figures 1.4 to 1.6, models of other authors, and 1.7 to 1.12, other kinds of actuation."""
 
 from __future__ import annotations
 
@@ -12,7 +11,7 @@ from emcas_fmu.bench.metrics import displayed, motion
 from emcas_fmu.motions import RATED
 
 from .entry import Show, Shown, Table
-from .pictures import Line, Panel, angle, of_run, panels, rate
+from .pictures import Line, Panel, angle, command_of, panels, rate
 from .runs import Runs
 
 _THESIS = "nonlinear actuator"
@@ -27,12 +26,12 @@ _OF_KIND = ("An actuator with {}, sized for the same task; all its numbers are e
 
 
 def author(model: str, name: str) -> Show:
-    """Return a function that shows a step of an author's model and one of the nonlinear actuator."""
+    """Return a function that shows a step of an author's model beside a step of the nonlinear actuator."""
     return _beside({name: model}, _OF_AUTHOR[0].format(name), _OF_AUTHOR[1])
 
 
 def kind(name: str, *models: str) -> Show:
-    """Return a function that shows a step of each of the `models` of a kind and one of the nonlinear actuator."""
+    """Return a function that shows a step of each of the `models` of a kind beside a step of the nonlinear actuator."""
     return _beside({model: model for model in models}, _OF_KIND[0].format(name), _OF_KIND[1])
 
 
@@ -64,7 +63,7 @@ def _beside(others: Mapping[str, str], caption: str, unknown: str) -> Show:
             run.finished()
         rows = [(name, *(displayed(motion(run))[key] for key in _FIGURES)) for name, run in responses.items()]
         return Shown(runs.conditions(f"step to {size:g}°"), panels([
-            Panel("fin angle [deg]", [of_run(responses[_THESIS]),
+            Panel("fin angle [deg]", [command_of(responses[_THESIS]),
                                       *(angle(run.columns, name) for name, run in responses.items())]),
             Panel("fin rate [deg/s]", [rate(run.columns) for run in responses.values()])], "time [s]", (0.0, 0.35)),
             caption, Table(("", *_FIGURES.values()), rows), unknown)

@@ -49,7 +49,7 @@ def write_json(result: Result, path: Path) -> None:
 
 
 def numeric(table: Table) -> list[bool]:
-    """Return, for each column, whether it has numbers."""
+    """Return a list with, for each column, true if it has numbers."""
     return [any(isinstance(row[i], float) for row in table.rows) for i in range(len(table.columns))]
 
 

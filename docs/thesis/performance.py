@@ -14,7 +14,7 @@ from emcas_fmu.bench.verdict import judge
 from emcas_fmu.figures import plots
 
 from .entry import Show, Shown, Table
-from .pictures import Line, Panel, angle, current, of_run, panels, rate
+from .pictures import Line, Panel, angle, command_of, current, panels, rate
 from .runs import Runs
 
 _MOTION = {"rise_time_s": "rise 10-90 % [s]", "settling_time_s": "settling 2 % [s]",
@@ -35,7 +35,7 @@ def steps(runs: Runs) -> Shown:
     for color, size in zip(plots.COLORS, reversed(sizes), strict=False):
         for sign in (1.0, -1.0):
             run = runs.run(step_to(radians(sign * size), 0.5))
-            commands.append(of_run(run)._replace(label="command" if not commands else ""))
+            commands.append(command_of(run)._replace(label="command" if not commands else ""))
             lines.append(angle(run.columns, f"±{size:g}°" if sign > 0.0 else "", color=color))
             moved = displayed(motion(run))
             rows.append((f"{sign * size:+g}°", *(moved[key] for key in _MOTION)))
@@ -68,7 +68,7 @@ def square_command(runs: Runs) -> Shown:
     """Show the command of the modified square wave (Figure 5.21)."""
     run = runs.case("square")
     return Shown(runs.conditions("modified square wave"),
-                 panels([Panel("command [deg]", [of_run(run)._replace(label="")])], "time [s]"),
+                 panels([Panel("command [deg]", [command_of(run)._replace(label="")])], "time [s]"),
                  "Levels of growing size on both sides, with edges of limited rate.", unknown=_SQUARE)
 
 
@@ -81,7 +81,7 @@ def square(runs: Runs) -> Shown:
             ("its root mean square [deg]", rms(error)),
             ("largest rate [deg/s]", degrees(float(np.max(np.abs(columns["fin_rate"]))))))
     return Shown(runs.conditions("modified square wave"), panels([
-        Panel("fin angle [deg]", [of_run(run), angle(columns, "fin")]),
+        Panel("fin angle [deg]", [command_of(run), angle(columns, "fin")]),
         Panel("command - angle [deg]", [Line(columns["time"], error)]),
         Panel("fin rate [deg/s]", [rate(columns)])], "time [s]"),
         "The thesis plots the difference between simulation and test, which is not published; here, command - angle.",
@@ -97,13 +97,13 @@ def sweep(*window: float) -> Show:
         run = runs.case(_DRAWN)
         begin, end = window or (0.0, run.excitation.stop)
         width = 1.0 if window else 0.4
-        lines = [of_run(run), angle(run.columns, "fin", linewidth=width)]
+        lines = [command_of(run), angle(run.columns, "fin", linewidth=width)]
         lines[0] = lines[0]._replace(look={**lines[0].look, "linewidth": width})
         parts = [Panel("fin angle [deg]", lines)]
         if window:
             parts.append(Panel("current [A]", [current(run.columns)]))
         return Shown(runs.conditions("sine sweep of 3.5°"), panels(parts, "time [s]", (begin, end)),
-                     "The response falls behind as the frequency grows." if not window else
+                     "The response lags more as the frequency grows." if not window else
                      "Near 5 Hz: the angle lags the command.", unknown=_SWEPT)
 
     return show
@@ -144,7 +144,7 @@ def required(runs: Runs) -> Shown:
                  for r in _table2(runs).requirements)
     return Shown("the thesis's limits",
                  table=Table(("requirement", "", "limit", "unit", "how it is measured here"), rows),
-                 unknown="how the thesis measures each.")
+                 unknown="how the thesis measures each figure.")
 
 
 def realised(runs: Runs) -> Shown:

@@ -23,7 +23,7 @@ DOTS: Look = {"linestyle": "none", "marker": "o", "markersize": 4.0}
 
 
 class Line(NamedTuple):
-    """A line through points. Without a colour in `look` it gets the next one; a `label` is shown above the panel."""
+    """A line through points. Without a colour in `look` the line gets the next colour; `label` is above the panel."""
 
     x: Any
     y: Any
@@ -71,8 +71,8 @@ def command(time: Any, asked: Any) -> Line:
     return Line(time, np.degrees(asked), "command", {**COMMAND, "drawstyle": "steps-post"})
 
 
-def of_run(run: Run) -> Line:
-    """Return the command of a run as a line."""
+def command_of(run: Run) -> Line:
+    """Return the command of a run over time as a line."""
     return command(run.excitation.time, run.excitation.command)
 
 

@@ -20,7 +20,7 @@ Columns = Mapping[str, Array]
 
 
 class RigEntry(NamedTuple):
-    """A number of a rig: its value in `unit` (SI), its source, and a note with the reason."""
+    """A number of a rig: value in `unit` (SI), source, and a note with the reason."""
 
     value: float
     unit: str

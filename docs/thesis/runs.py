@@ -23,7 +23,7 @@ WARM, COLD = 24.0, -6.0  # degC, at which the thesis measured friction
 
 
 class Runs:
-    """Runs of the nonlinear and other actuators; the parameters of `files` override the shipped ones."""
+    """Runs of the nonlinear and other actuators; the values of `files` override the shipped parameters."""
 
     def __init__(self, files: Iterable[Path] = ()) -> None:
         self.files = tuple(files)
@@ -33,12 +33,12 @@ class Runs:
         self.friction = lru_cache(maxsize=None)(self._friction)
 
     def of(self, model: str) -> ParameterSubject:
-        """Return an actuator, with extensions or without, with the parameters of the files."""
+        """Return an actuator, with its extensions, as a subject with the parameters of the files."""
         parameters = self.parameters if model == NONLINEAR else self.parameters_of(model)
         return ParameterSubject(parameters, self.files)
 
     def parameters_of(self, model: str) -> ParameterSet:
-        """Return the parameters of an actuator, with extensions or without."""
+        """Return the parameters of an actuator with its extensions."""
         return load_parameters(self.files, model=model)
 
     @property
@@ -57,7 +57,7 @@ class Runs:
         return f"{ambient:g} °C · command: {command} · load: {load}"
 
     def run(self, excitation: Excitation, **changes: float) -> Run:
-        """Return a finished run with changed parameters, ``__`` instead of the dot. Raises StoppedError."""
+        """Return a finished run with changed parameters, by names with ``__`` for the dot. Raises StoppedError."""
         run = self.subject.run(excitation, {name.replace("__", "."): value for name, value in changes.items()})
         run.finished()
         return run

@@ -13,10 +13,10 @@ from emcas_fmu.runtime.compiled import parameter_row
 from emcas_fmu.simulation import Array
 
 
-class SteppedUnit:
+class SteppedActuator:
     """An actuator that is advanced by steps of `step` [s]; inputs may depend on its outputs.
 
-    The inputs begin with their start values. Raises ParameterError, and CompilerError if it cannot be compiled.
+    The inputs begin with their start values. Raises ParameterError, and CompilerError if there is no compiler.
     """
 
     def __init__(self, values: Mapping[str, Any], step: float, model: str = NONLINEAR) -> None:
@@ -38,7 +38,7 @@ class SteppedUnit:
         return self._rows[-1]
 
     def run(self, **inputs: float) -> tuple[Any, ...]:
-        """Return the outputs after a step, with these inputs changed. Raises ArithmeticError."""
+        """Change inputs, advance by a step, and return the outputs. Raises ArithmeticError for a result not finite."""
         for name, value in inputs.items():
             self._batch.hold(self._inputs[name], value)
         time = len(self._rows) * self._step
@@ -49,7 +49,7 @@ class SteppedUnit:
         return self.now
 
     def columns(self) -> dict[str, Array]:
-        """Return all outputs up to now by name, with ``time`` [s]."""
+        """Return the outputs of all steps by name, with ``time`` [s]."""
         table = np.array(self._rows, dtype=float)
         return {"time": np.arange(len(table)) * self._step,
                 **{name: table[:, i] for i, name in enumerate(self._names)}}

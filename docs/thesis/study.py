@@ -1,4 +1,4 @@
-"""The run of the program: the selected entries are made one after the other."""
+"""The outcomes of the selected entries, which are made one after the other."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .runs import Runs
 
 REPRODUCED, NOT_FINISHED = "reproduced", "not finished"
 OWN = "with this set's values"
-"""Status of an entry with the thesis's subject; the thesis's values are lost or were never published."""
+"""Status of an entry with the thesis's subject, for which the thesis's values are not available."""
 SIMULATED = "shown by simulation"
 """Status of an entry for which the thesis has only a structure, without numbers or curves to reproduce."""
 

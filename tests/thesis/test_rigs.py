@@ -133,7 +133,7 @@ def test_a_load_that_follows_leaves_the_loaded_test_as_it_is_under_the_very_mome
     # At rest both hold; the encoder's counts and what the integral still carries make less than half the accuracy.
     assert np.max(np.abs(loaded.columns["fin_angle"] - ideal["fin_angle"])[settled]) < radians(0.1)
     moving = (time > SLEWS[0]) & (time < SLEWS[0] + 0.1)
-    missed = np.abs(loaded.applied - loaded.asked)
+    missed = np.abs(loaded.applied - loaded.requested)
     assert np.max(missed[moving]) > 10.0 * np.max(missed[settled])
 
 
