@@ -127,11 +127,13 @@ def respond(parameters: ParameterSet, **inputs: Any) -> Mapping[str, Any]:
     return simulate(parameters.values, 1.2, model=parameters.model, **inputs)
 
 
-def recovery(parameters: ParameterSet) -> float:
-    """Return the time [ms] from a load step of 100 N.m until the fin remains within 0.05 deg."""
-    run = respond(parameters, aero_torque=lambda t: 100.0 if t >= 0.1 else 0.0)
-    away = np.abs(np.degrees(run["fin_angle"])) > 0.05
-    return float(run["time"][away][-1] - 0.1) * 1e3
+def recovery(parameters: ParameterSet, torque: float = 100.0) -> float:
+    """Return the time [ms] from a load step [N.m] until the fin remains within 0.05 deg; inf if it does not."""
+    run = respond(parameters, aero_torque=lambda t: torque if t >= 0.1 else 0.0)
+    away = np.flatnonzero(np.abs(np.degrees(run["fin_angle"])) > 0.05)
+    if not len(away):
+        return 0.0
+    return float(run["time"][away[-1]] - 0.1) * 1e3 if away[-1] + 1 < len(run["time"]) else float("inf")
 
 
 def lag(parameters: ParameterSet) -> float:

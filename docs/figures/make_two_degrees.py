@@ -11,7 +11,7 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
-from make_control import GAINS, LINEAR, LOAD, lag, respond, step
+from make_control import GAINS, LINEAR, LOAD, lag, recovery, step
 from make_tables import main, markdown, save
 
 from emcas_fmu.actuators import NAMES, capabilities, get
@@ -36,15 +36,6 @@ def figure(
     return [float(v) for v in (np.degrees(values) if name in ("phase_margin", "peak_angle") else values)]
 
 
-def settled(parameters: ParameterSet, torque: float) -> float:
-    """Return the time [ms] from a load step until the fin remains within 0.05 deg; inf if it does not."""
-    run = respond(parameters, aero_torque=lambda t: torque if t >= 0.1 else 0.0)
-    away = np.flatnonzero(np.abs(np.degrees(run["fin_angle"])) > 0.05)
-    if not len(away):
-        return 0.0
-    return float(run["time"][away[-1]] - 0.1) * 1e3 if away[-1] + 1 < len(run["time"]) else float("inf")
-
-
 def figures(parameters: ParameterSet, torque: float) -> dict[str, float]:
     """Return the figures of a set for the table of kinds; the load is `torque` [N.m]."""
     load = Test("load", duration=1.0, torque=torque)
@@ -59,7 +50,7 @@ def figures(parameters: ParameterSet, torque: float) -> dict[str, float]:
             figure(parameters, step(size), "overshoot")[0] for size in (1.0, 5.0, 10.0)),
         "20° within 0.2° after / ms": 1e3 * figure(parameters, step(20.0), "time_to_accuracy")[0],
         "deviation under a load step / °": figure(parameters, load, "peak_angle")[0],
-        "within 0.05° after a load step / ms": settled(parameters, torque)}
+        "within 0.05° after a load step / ms": recovery(parameters, torque)}
 
 
 def table() -> str:

@@ -117,8 +117,8 @@ def compensation(runs: Runs) -> Shown:
             (switched if gain else lines).append(error)
     return Shown(f"{WARM:g} and {COLD:g} °C · command: sine of 1° at 0.5 Hz · load: none", panels([
         Panel("command - angle [deg]", lines), Panel("command - angle [deg]", switched)], "time [s]", (2.0, 6.0)),
-        "Top: with the compensation; bottom: without it. Friction causes an error at every reversal; the error is larger "
-        "at -6 °C than at 24 °C.",
+        "Top: with the compensation; bottom: without it. Friction causes an error at every reversal, larger at -6 °C "
+        "than at 24 °C.",
         Table(("", "rms error [deg]", "peak error [deg]", "rms current [A]"), rows),
         "all responses: the thesis shows only the block. The slow sine here makes the effect of friction visible.")
 
