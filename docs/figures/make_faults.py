@@ -60,7 +60,7 @@ def _under_sines(model: str, faults: Sequence[str]) -> Runs:
 
 
 def effects() -> str:
-    """Return the table of the largest change of the fin angle due to each fault, for each model that can have it."""
+    """Return the table of the largest change of the fin angle due to each fault (rows) in each model (columns)."""
     cells: dict[str, dict[str, str]] = {name: {} for model in NAMES for name in bits(get(model))}
     for model in NAMES:
         faults = [name for name in cells if _has(model, name)]

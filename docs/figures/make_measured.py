@@ -32,7 +32,7 @@ ERRORS = {"force_percent": ".2f", "position_percent": ".5f", "window_rms_mm": ".
 
 
 def figures(program: Callable[[Path], Any]) -> dict[str, Any]:
-    """Return the JSON document that `program` writes to the path that it gets as argument."""
+    """Return the JSON document that `program(path)` writes."""
     with TemporaryDirectory() as folder, redirect_stdout(StringIO()):
         path = Path(folder) / "figures.json"
         program(path)

@@ -1,4 +1,4 @@
-"""Tables of docs/tools/verdict.md: wrong actuators that the verdict detects, and sound ones that it passes.
+"""Tables of docs/tools/verdict.md: wrong actuators that the verdict detects, and sound actuators that pass.
 
     python docs/figures/make_verdict.py           # writes the tables
     python docs/figures/make_verdict.py --check   # exit code 1 if a table is stale
@@ -296,13 +296,13 @@ def parameters_of(kind: str, defect: Defect) -> ParameterSet:
 
 @cache
 def missed(kind: str) -> tuple[str, ...]:
-    """Return the requirements that the shipped actuator misses, which therefore count neither for nor against it."""
+    """Return the requirements that the shipped actuator misses, by which its other forms are not judged."""
     return _failed(_judged(load_parameters(model=kind), [{}])[0])
 
 
 @cache
 def failing(kind: str, number: int) -> tuple[str, ...]:
-    """Return the requirements that the wrong actuator of this index in DEFECTS misses and the shipped one meets."""
+    """Return the requirements that a wrong actuator, by its index in DEFECTS, misses and the shipped one meets."""
     parameters = parameters_of(kind, DEFECTS[kind][number])
     return tuple(name for name in _failed(_judged(parameters, [{}])[0]) if name not in missed(kind))
 

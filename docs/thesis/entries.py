@@ -15,7 +15,7 @@ from .runs import COLD, WARM
 
 def _entry(kind: str, number: str, title: str, what: Show | str, note: str = "", structure: bool = False,
            met: str = "") -> Entry:
-    """Return an entry; `what` is the function that returns its content, or the reason why it is not shown."""
+    """Return an entry; `what` returns its content, or is the reason why the entry is not shown."""
     if isinstance(what, str):
         assert what in REASONS
         return Entry(kind, number, title, reason=what, note=note)
