@@ -1,9 +1,11 @@
 """The Python interface: load, change, simulate, build, validate, analyse, calibrate and tune fin actuators.
 
-The names in ``__all__``, their parameters, and the attributes that their documentation names are stable: a change that
+The names in ``__all__``, their parameters, and the attributes that their docstrings name are stable: a change that
 breaks a program comes with a new minor version and a line in the changelog. Everything else in the package may change.
-The commands simulate, build, validate, analyse, calibrate and tune of `emcas` call these functions. Numbers are in SI
-units (temperature in degC); text contains its unit, as in ``"10 deg"``.
+The commands of `emcas` with the names of these functions call them.
+
+Numbers are in SI units (temperatures in degC). Text contains its unit, as in ``"10 deg"``. `progress` is a function of
+the work's name, the number of finished parts and their total, which is called during long work.
 """
 
 from __future__ import annotations
@@ -55,7 +57,7 @@ _DURATION = 0.5  # s
 # What the value of an input may be, in messages; {} is the number of values in an array.
 _OF_A_RUN = "a number, text with a unit, a function of time, or an array of {} values, one for each point"
 _OF_A_BATCH = "a number, or an array of {} values, one for each actuator"
-_MOST = 100_000_000  # largest number of actuators (whose outputs alone are 20 GB), generations or processes
+_MOST = 100_000_000  # largest number of actuators (their outputs alone would need 20 GB), generations or processes
 
 
 @checked
@@ -64,21 +66,23 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
              line: Mapping[str, float] | None = None, **inputs: Signal | str) -> Response:
     """Simulate an actuator, or several fins on one supply, without an FMU.
 
-    `parameters` is a parameter set, by default that of the default actuator. Several sets (see `fin_sets`) are fins
-    that share a supply; `line` sets parameters of the supply line, such as ``bus.source_resistance``, in SI.
+    `parameters` is a parameter set, by default that of the default actuator. Several sets (see `fin_sets`) are those of
+    fins that share a supply; `line` then maps names of the supply line's parameters, such as
+    ``bus.source_resistance``, to values in SI.
 
-    The inputs come from an `excitation` (``excitations.step_to(0.1, 0.4)``), or from keywords alone, from 0 to `stop`
-    [s] (default 0.5 s) in communication steps of `step` [s] (default 1 ms). Keywords are names of inputs with ``__``
-    for the dot (``attitude__roll``). A value is a number, text with a unit (``"10 deg"``), a function of time [s], or
-    an array with a value for each communication point; it is held over a step. Other inputs keep their start values.
-    With an excitation, keywords add inputs to it.
+    An `excitation`, such as ``excitations.step_to(0.1, 0.4)``, sets inputs, communication step and end. Without one the
+    simulation ends at `stop` [s] (default 0.5 s) and has communication steps of `step` [s] (default 1 ms). Keywords set
+    other inputs, or replace those of the excitation: their names are those of inputs with ``__`` for the dot
+    (``attitude__roll``), their values numbers, text with a unit (``"10 deg"``), functions of time [s], or arrays with a
+    value for each communication point. Each value is held over a communication step. All other inputs keep their start
+    values.
 
-    `kernel` is ``compiled``, ``python`` or ``auto``: compiled if there is a C compiler, which takes up to a minute the
-    first time. The numbers are the same.
+    `kernel` is ``python``, ``compiled`` or ``auto`` (compiled if this saves time). The first compilation of an actuator
+    takes up to a minute. Both kernels compute the same numbers.
 
-    Returns a `Response`. Warns (EmcasWarning) about a command beyond its limit, which is clipped, a command that seems
-    to be in degrees, and parameters of the line that have no effect. Raises EmcasError for arguments that cannot be
-    simulated.
+    Returns a `Response`. Warns (EmcasWarning) about a command that is clipped at its limit, and whether it seems to be
+    in degrees; and about parameters of the line that are allowed but unusual. Raises EmcasError for arguments with
+    which no response can be computed.
     """
     sets = _sets("simulate", parameters)
     unit = FmuInterface(len(sets), sets[0].model)
@@ -110,7 +114,8 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
 
 
 def _sets(function: str, parameters: Any) -> tuple[ParameterSet, ...]:
-    """Return parameter sets of one actuator; None means the default set. Raises EmcasError."""
+    """Return one or several parameter sets as a tuple; None is the default set. Raises EmcasError if actuators differ.
+    """
     several = isinstance(parameters, Iterable)
     sets = tuple(load_parameters() if each is None else each for each in (parameters if several else (parameters,)))
     if not sets or len({each.model for each in sets}) > 1:
@@ -119,7 +124,7 @@ def _sets(function: str, parameters: Any) -> tuple[ParameterSet, ...]:
 
 
 def _in(unit: str, value: float | str | None, default: float) -> float:
-    """Return a value in a unit, from a number in that unit or from text; None is the default. Raises EmcasError."""
+    """Return a value in `unit`, from a number in this unit, or from text; the default for None. Raises EmcasError."""
     if value is None:
         return default
     try:
@@ -129,7 +134,7 @@ def _in(unit: str, value: float | str | None, default: float) -> float:
 
 
 def _at_rest(stop: float, step: float, inputs: Mapping[str, Signal | str]) -> Excitation:
-    """Return an excitation with a command of zero; its title lists the inputs that will be added."""
+    """Return an excitation with a command of 0 whose title lists `inputs`, which it does not contain yet."""
     if not (0.0 < step < float("inf") and 0.0 < stop < float("inf")):
         raise EmcasError(f"simulate: stop = {stop:g} s and step = {step:g} s must be above 0")
     check_span("simulate", step, stop)
@@ -139,7 +144,7 @@ def _at_rest(stop: float, step: float, inputs: Mapping[str, Signal | str]) -> Ex
 
 
 def _with_inputs(excitation: Excitation, inputs: Mapping[str, Signal | str], unit: FmuInterface) -> Excitation:
-    """Return an excitation with additional inputs; an input of one fin takes precedence over one for every fin."""
+    """Return an excitation with additional inputs; an input of one fin replaces the same input of all fins."""
     known = {v.name: v for v in (*unit.actuator.inputs, *unit.inputs)}
     columns = dict(excitation.columns)
     for keyword, signal in inputs.items():
@@ -161,9 +166,10 @@ def _input(keyword: str, known: Mapping[str, Variable]) -> Variable:
 
 
 def _column(label: str, values: Any, unit: str, count: int, accepted: str) -> Array:
-    """Return finite numbers in a unit, one or an array [count], from numbers or text; an array is not copied.
+    """Return a number or an array [count] in `unit`, from numbers or text; an array of floats is not copied.
 
-    `accepted` says in the message what the values may be, with {} for the number in an array. Raises EmcasError.
+    Raises EmcasError for values that are not finite or of another kind; its message begins with the `label` and has the
+    values that are `accepted`, a format with {} for `count`.
     """
     try:
         numbers: Array = np.asarray(quantity(values, "", unit) if isinstance(values, str) else values, dtype=float)
@@ -184,21 +190,23 @@ def validate(subject: Subject | ParameterSet | Path | str | None = None, cases: 
              requirements: Path | str | None = None) -> Validation:
     """Validate a parameter set, or an FMU by its path, against reference cases and requirements.
 
-    `cases` are the names of one or several reference cases; by default all are run and the requirements judged. With
-    names no requirement is judged. `directory` contains the references (``emcas reference`` computes them);
-    `requirements` is a file, by default the shipped one. The references embedded in an FMU are used with `inside`, and
-    where the shipped ones are for another actuator or other parameters.
+    `subject` is a parameter set, or the path of an FMU or a parameter file; by default the default parameter set. By
+    default all reference cases are run, and the requirements are judged; with names of `cases` only these cases are
+    run, and no requirement is judged. `directory` contains the references, as computed by ``emcas reference``, by
+    default the shipped ones. The references embedded in an FMU are used instead with `inside`, or if there is no
+    `directory` and the shipped ones are for another actuator or other parameters. `requirements` is a TOML file, by
+    default the shipped one.
 
-    The result has `passed`, `verdict` (in words), `judged` and `failed` (figures with their measured values and
-    limits). Raises EmcasError.
+    The result has `passed`, `verdict` (in words), `judged` and `failed`: lists of criteria, each with `measured`,
+    `limit` and `unit`. Raises EmcasError if the validation cannot be carried out.
     """
     cases = [cases] if isinstance(cases, str) else cases
     folder = None if directory is None else Path(directory)
     if isinstance(subject, ParameterSet):
         subject = ParameterSubject(subject)
-    held = nullcontext(subject) if isinstance(subject, Subject) else open_subject(
+    context = nullcontext(subject) if isinstance(subject, Subject) else open_subject(
         None if subject is None else Path(subject))
-    with held as opened:
+    with context as opened:
         specification = load_requirements(None if requirements is None else Path(requirements), opened.parameters)
         return _validate(opened, cases, folder, progress, inside, specification)
 
@@ -208,12 +216,13 @@ def analyse(parameters: ParameterSet | None = None, fin_angle: float | str = 0.0
             locus: str | None = None, rod: Path | str | None = None, progress: Progress = silent) -> Analysis:
     """Linearise an actuator at rest at a fin angle [rad] under an aerodynamic torque [N.m], and analyse its loops.
 
-    `locus` names the parameter of the root locus, by default the first gain. `rod` is a TOML file with the shaft and
-    screw for the natural frequencies; it overrides ``models/rod.toml``. Needs the extra ``analysis``.
+    `locus` names the parameter of the root locus, by default the first gain. The TOML file `rod` overrides values of
+    ``models/rod.toml``: shaft and screw, for the natural frequencies. Needs the extra ``analysis``.
 
-    The result has `linear.command` (the frequency response, with `bandwidth` [Hz]), `linear.margins` (of each loop),
-    `actuator` (the linear model; `actuator.closed` is python-control's StateSpace), `sweeps` (bandwidth against
-    amplitude) and `locus` (the root locus). Raises EmcasError.
+    The result has `linear.command` (the frequency response, with its `bandwidth` [Hz]), `linear.margins` (by the name
+    of the loop), `actuator` (the linear model, whose closed loop `actuator.closed` is python-control's StateSpace),
+    `sweeps` (a frequency response for each amplitude) and `locus` (the root locus). Raises EmcasError if the actuator
+    cannot be analysed there.
     """
     extras.require("analysis", "analyse needs", "control", "casadi")
     from .studies.analysis.analyse import analyse as run
@@ -229,15 +238,17 @@ def calibrate(records: Sequence[Path | str] | Path | str, parameters: ParameterS
               progress: Progress = silent) -> Calibration:
     """Fit parameters of an actuator to records of its inputs and outputs, and compute their uncertainties.
 
-    `records` are CSV files, with columns such as ``time [s]``, ``fin_command [deg]`` and ``fin_angle [deg]``; those
-    in `hold_out` are judged but not fitted, even if they are among the records. `free` names the parameters to find, as
-    ``"inertia.motor"`` or, with bounds, ``"motor.resistance=0.1..0.4 Ohm"``; `priors` say what is known about them, as
-    ``"motor.resistance=0.25+-0.02 Ohm"``. `compare` names outputs, by default all that the records share. With `delays`
-    the delay of each measured output is found, too. With `robust` a large error counts in proportion to its size, not
-    to its square. `seed` determines the starting points.
+    `records` are CSV files with columns such as ``time [s]``, ``fin_command [deg]`` and ``fin_angle [deg]``. The files
+    in `hold_out` are compared with the result but not fitted, even if they are also in `records`. `free` names the
+    parameters to fit, as ``"inertia.motor"`` or, with bounds, ``"motor.resistance=0.1..0.4 Ohm"``. `priors` are values
+    of free parameters that are known before, with their standard deviations, as ``"motor.resistance=0.25+-0.02 Ohm"``.
+    `compare` names the outputs to compare, by default all that the records share. With `delays` the delay of each
+    measured output is also fitted. With `robust` a large error counts in proportion to its size, not to its square.
+    `seed`, from 0, determines the starting points.
 
     The result has `calibrated` (the parameter set), `estimates` (each with `value`, `sigma`, `unit`), `comparisons`
-    (each with `figures`), `problems` (messages, a line each) and `write_report`. Raises EmcasError.
+    (each with `figures`), `problems` (messages, a line each) and `write_report(path)`. Raises EmcasError for records
+    and other arguments that cannot be used.
     """
     from .studies.identification.calibration import calibrate as run
 
@@ -252,15 +263,17 @@ def calibrate(records: Sequence[Path | str] | Path | str, parameters: ParameterS
 def tune(parameters: ParameterSet | None = None, study: Study | Path | str | None = None, seed: int = 1,
          generations: int = 12, workers: int | None = None, journal: Path | str | None = None,
          progress: Progress = silent) -> Tuning:
-    """Search for gains that meet requirements in all cases, with limits, friction and delay simulated; takes minutes.
+    """Search for gains that meet requirements in all cases, by simulation with limits, friction and delay.
 
-    `study` is a file with requirements, cases and the parameters to tune, by default the one shipped for the actuator.
-    `generations` is the number of generations of the global search; the same `seed` gives the same gains. The file
-    `journal` records every evaluation, and an interrupted search continues from it. `workers` is the number of
-    processes, by default one per processor; a script that calls this needs ``if __name__ == "__main__":``.
+    The search takes minutes. `study` is a file with requirements, cases and the parameters to tune, by default the
+    shipped one. `generations` is the number of generations of the global search; the same `seed`, from 0, gives the
+    same gains. The file `journal` records every evaluation, and an interrupted search continues from it. `workers` is
+    the number of processes, by default one per processor; a script that calls `tune` needs
+    ``if __name__ == "__main__":``.
 
-    The result has `met`, `tuned` (the parameter set with the gains), `best` (with `gains` and `judgements`) and
-    `binding` (the requirements that limit the result). Raises EmcasError.
+    The result has `met` (whether all requirements are met), `tuned` (the parameter set with the gains), `best` (with
+    `gains` and `judgements`) and `binding` (the names of the requirements that limit the result). Raises EmcasError for
+    arguments that cannot be used.
     """
     from .studies.tuning.evaluate import Journal
     from .studies.tuning.optimise import tune as run
@@ -291,7 +304,8 @@ def _check_counts(function: str, **numbers: int | None) -> None:
 
 
 def _check_column(variable: Variable, values: Array) -> None:
-    """Raise ParameterError naming the first actuator whose value is out of the parameter's limits or not whole."""
+    """Raise ParameterError, which names the first actuator whose value is not of the parameter's kind or beyond limits.
+    """
     wrong = (values < variable.minimum) | (values > variable.maximum)
     if variable.kind != "Real":
         wrong |= values != np.floor(values)
@@ -307,11 +321,13 @@ def _check_column(variable: Variable, values: Array) -> None:
 class Batch:
     """Many actuators of one model side by side, in machine code: for Monte Carlo runs of a 6-DOF, or a swarm.
 
-    `sets` is a parameter set for each actuator, or one for all `count` actuators; `varied` then maps names of
-    parameters to arrays [count] of values, SI. `threads` share the work of a step. Since a call releases the
-    interpreter's lock, several threads may also step different batches at once. A vector of the processor holds several
-    actuators, which are stepped at once; each has the same bits as an actuator alone. Raises ParameterError, which
-    names an actuator with unsound parameters, and CompilerError if there is no C compiler; both are EmcasErrors.
+    `sets` contains a parameter set for each actuator, or is one set for all `count` actuators. `varied` maps names of
+    parameters to their values [SI], an array [count] or a number for all. A step is shared by this number of `threads`.
+    A program may also step several batches at once, each in its own thread: a step does not hold the interpreter's
+    lock. The results have the same bits as those of one actuator alone.
+
+    Raises ParameterError, which names an actuator with unsound parameters; CompilerError, an EmcasError, without a C
+    compiler; and EmcasError for other arguments that cannot be used.
     """
 
     @checked
@@ -324,7 +340,7 @@ class Batch:
             raise EmcasError(f"Batch: count = {count} needs exactly one parameter set")
         _check_counts("Batch", count=count, threads=threads)
         actuator = chosen[0].actuator
-        different = {id(each): each for each in chosen}  # one set is often used for many actuators
+        different = {id(each): each for each in chosen}  # many actuators often share one set
         index = {key: k for k, key in enumerate(different)}
         indices = np.array([index[id(each)] for each in chosen])
         rows = np.array([compiled.parameter_row(each.values, each.model) for each in different.values()])
@@ -351,9 +367,9 @@ class Batch:
         self._kernel.run(0.0)
         self.outputs: dict[str, Array] = dict(zip((v.name for v in actuator.outputs), self._kernel.outputs,
                                                   strict=True))
-        """Outputs at `time` by name, SI: arrays [count], which the next step overwrites."""
+        """Outputs [SI] at `time` by name: arrays [count], which the next call of `run` overwrites."""
         self.time = 0.0
-        """Time that the batch has reached [s]."""
+        """Time [s] that the batch has reached."""
 
     def __len__(self) -> int:
         return self._kernel.count
@@ -361,12 +377,12 @@ class Batch:
     def run(self, end: float, progress: Progress = silent, **inputs: float | str | Array) -> dict[str, Array]:
         """Advance every actuator to `end` [s] and return `outputs`.
 
-        Keywords are names of inputs with ``__`` for the dot. A value is a number (SI) or text with a unit for all
-        actuators, or an array [count], which is not copied; it is held until it is set again. Raises EmcasError for an
-        unknown input, an unsound value, or an end that is not a number or before `time`; nothing has changed then.
+        Keywords are names of inputs with ``__`` for the dot. A value is a number [SI] or text with a unit for all
+        actuators, or an array [count], which is not copied. It is held until it is set again. Raises EmcasError, and
+        changes nothing, for an unknown input, a value or `progress` that cannot be used, and an end before `time`.
         Raises ArithmeticError, which names the actuators whose step cannot be computed; these keep their states.
         """
-        # Checked by hand: a step of a few actuators takes 10 us, and `checked` would add 2 us.
+        # Without `checked`, which would add 2 us: a step of a few actuators takes 10 us.
         if not isinstance(end, (int, float, np.integer, np.floating)):
             raise EmcasError(f"Batch.run: end = {brief(end)}: expected a number, the time to advance to in s")
         if not self.time <= end < float("inf"):

@@ -1,4 +1,4 @@
-"""Errors that a user can fix: shown as a message, without a traceback."""
+"""Errors that a user can correct; the commands show them as messages without a traceback."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import Any
 _DENIED = ("permission denied", "change its permissions or choose another file", "choose another path")
 _FULL = ("the disk is full", "free some space", "free some space or choose another path")
 _QUOTA = getattr(errno, "EDQUOT", errno.ENOSPC)  # missing on Windows
-# For each error code of the system: the problem, the remedy for a file to be read, and for a file to be written.
+# The problem by the system's error code, with the remedies for a file to be read and a file to be written.
 _REASONS = {
     errno.ENOENT: ("there is no such file or folder", "check its name", "make its folder first"),
     errno.EISDIR: ("it is a folder", "choose a file", "choose a file"),
@@ -29,11 +29,11 @@ _REASONS = {
 
 
 class EmcasError(Exception):
-    """The request cannot be executed; the message names the thing and the remedy."""
+    """A request cannot be executed; the message names the thing, its value and the remedy."""
 
 
 class EmcasWarning(UserWarning):
-    """The request can be executed, but is unusual."""
+    """A request can be executed but is unusual."""
 
 
 class ArgumentError(EmcasError, ValueError):
@@ -61,7 +61,7 @@ def unwritable(path: Path | str, error: OSError) -> str:
 
 @contextmanager
 def writing(path: Path | str) -> Iterator[None]:
-    """Raise EmcasError with the remedy if the block cannot write a file or folder."""
+    """Raise EmcasError, which names `path` and the remedy, for an OSError in the block."""
     try:
         yield
     except OSError as error:
@@ -69,7 +69,7 @@ def writing(path: Path | str) -> Iterator[None]:
 
 
 def in_words(error: OSError) -> str:
-    """Return the message for an error of the operating system; it names the file if the error does."""
+    """Return the message for an error of the operating system, with the remedy if the error names a file."""
     if error.filename is None:
         return error.strerror or str(error)
     path = os.fsdecode(error.filename)
@@ -88,14 +88,17 @@ def location(function: Callable[..., Any]) -> str:
 
 
 def declared_in(path: Path, name: str, call: str = "") -> str:
-    """Return a Python file's path, with the line where `name` is the first argument of a `call`, by default of any."""
+    """Return a Python file's path and the line where `name` is the first argument of a `call`, by default of any call.
+
+    If there is no such line, return the path.
+    """
     text = path.read_text(encoding="utf-8", errors="replace")
-    where = re.search(rf"{call}[(=]\s*(['\"]){re.escape(name.partition('[')[0])}\1", text)
-    return f"{path}, line {text.count(chr(10), 0, where.start(1)) + 1}" if where else str(path)
+    match = re.search(rf"{call}[(=]\s*(['\"]){re.escape(name.partition('[')[0])}\1", text)
+    return f"{path}, line {text.count(chr(10), 0, match.start(1)) + 1}" if match else str(path)
 
 
 def called_from(path: Path) -> str:
-    """Return file, line and name of the function that is being executed in a file; "" if none is."""
+    """Return the path of a file, the line that is being executed in it, and its function; "" if there is none."""
     name, frame = str(path), sys._getframe()
     while frame is not None and frame.f_code.co_filename != name:
         frame = frame.f_back  # type: ignore[assignment]
@@ -103,6 +106,6 @@ def called_from(path: Path) -> str:
 
 
 def hint(word: Any, among: Iterable[str]) -> str:
-    """Return the end of a message with the word in `among` that is nearest to an unknown `word`; "" if none is near."""
+    """Return the end of a message: the word in `among` that resembles an unknown `word`; "" if none does."""
     close = get_close_matches(str(word), list(among), 1)
     return f"; did you mean {close[0]}?" if close else ""

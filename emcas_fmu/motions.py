@@ -1,7 +1,7 @@
-"""The kinds of excitation: the fields of each with their units, limits and defaults, and the command and torque.
+"""The kinds of excitation: their fields, with units, limits and defaults, and their command and torque.
 
-Files, the explorer and the reference cases name excitations by these words. Campaigns accept every kind that moves the
-command, baselines and requirements those that jump or sweep. A new kind is one entry of KINDS.
+Files, the explorer and the reference cases use these names. Campaigns accept every kind that moves the command,
+baselines the kinds that jump or sweep, requirements those that jump. A new kind is an entry of KINDS.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .simulation import Array
 STEP = 1e-3  # s, time between rows
 LEAD_IN = 0.05  # s, time at rest before a motion
 SETTLE = 1.0  # s, time without load before a slew: three times the settling time of a large step
-LOAD_RISE = 0.02  # s, time in which the torque rises, so that it is not an impact
+LOAD_RISE = 0.02  # s, time in which the torque rises; a jump would be an impact
 RATED = 100.0  # N.m, the load of the thesis's Table 2
 SWEEP = 0.5, 30.0  # Hz, first and last frequency
 FASTEST = 0.5 / STEP  # Hz, the highest frequency that rows can represent
@@ -45,17 +45,17 @@ FIELDS: Mapping[str, Field] = {
     "torque": Field("N.m", "Torque on the hinge", -1e6, 1e6, 0.0),
     "duration": Field("s", "Duration", 0.01, 60.0),
     "settle": Field("s", "Time at the starting end", STEP, 60.0, SETTLE)}
-"""The fields of excitations. Angles are those of the fin, the duration counts from the beginning of the motion."""
+"""The fields of excitations. The amplitude is a fin angle; the duration counts from the beginning of the motion."""
 
 
 class Kind(NamedTuple):
-    """A kind of excitation: its title, and its description with the `size` [deg] of the command.
+    """A kind of excitation: its title, and a format of its description for the command's `size` [deg] and its fields.
 
     `share` computes the ratio of command to amplitude from times [s] since the beginning of the motion (negative before
     it) and fields by name. A campaign requires the fields in `shape`; `options` are optional. The torque rises within
-    `rise` [s] after the beginning; with None it is constant. A kind that `jumps` is measured by rise time, overshoot
-    and the like, one that `sweeps` by bandwidths; one that does not `move` has no amplitude. `usual` are the values
-    with which a page shows the kind.
+    `rise` [s] after the beginning; with None it is constant. Responses to a kind that `jumps` have figures such as rise
+    time and overshoot, those to a kind that `sweeps` have bandwidths. A kind whose `moves` is false has no amplitude.
+    `usual` contains the fields' values with which a page shows the kind.
     """
 
     title: str
@@ -71,7 +71,7 @@ class Kind(NamedTuple):
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """All fields, in their order in files."""
+        """The names of all fields, in their order in files."""
         return (*(("amplitude",) if self.moves else ()), *self.shape, "duration", *self.options)
 
     @property
@@ -91,7 +91,7 @@ class Kind(NamedTuple):
 
 
 def _begun(since: Array, step: float = STEP, **_: float) -> Array:
-    """Return 1 from the beginning on, 0 before; a row that is early by rounding counts as the beginning."""
+    """Return 1 from the beginning on, 0 before it; a row that is early by rounding counts as the beginning."""
     return np.where(since > -step / 2, 1.0, 0.0)
 
 
@@ -128,17 +128,16 @@ MOTIONS: Mapping[str, Kind] = {name: kind for name, kind in KINDS.items() if kin
 
 
 def motion_in(table: Any) -> str:
-    """Return the kind of motion that a table of a file names. Raises ValueError or ValidationError."""
+    """Return the kind of motion that a file's table names. Raises ValueError or ValidationError for another kind."""
     if isinstance(table, Mapping) and table.get("kind") in tuple(OLD_WORDS):
         return OLD_WORDS[table["kind"]]
     return kind_of(table, MOTIONS)
 
 
 def schema(kind: str, types: Mapping[str, Any], base: type[Table] = Table, **more: Any) -> type[Any]:
-    """Return the model of a table for a kind.
+    """Return the pydantic model of a file's table for an excitation of a kind.
 
-    `types` are the pydantic definitions (type and default) of the fields that a study reads, `more` those of additional
-    entries.
+    `types` are the definitions (type and default) of the fields that a study reads, `more` those of additional entries.
     """
     fields = {name: types[name] for name in KINDS[kind].fields if name in types}
     return create_model(kind, __base__=base, kind=(str, ...), **fields, **more)

@@ -24,7 +24,7 @@ class Names(SimpleNamespace):
 
 
 class Record(Names):
-    """Values as attributes that cannot be set: the states at one instant, or the inputs that act on them."""
+    """Values as attributes that cannot be set, such as the states at one instant."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"{name} cannot be set here; use a local variable, or return the value")
@@ -62,8 +62,8 @@ def value_of(p: Any, name: str) -> Any:
 def namespace(values: Mapping[str, Any], structure: Any = None) -> Any:
     """Return nested namespaces from values with dotted names; ``a.b[0]``, ``a.b[1]``, ... become the tuple ``a.b``.
 
-    The elements of a tuple are in the order of `values`. `structure`, which contains no parameters but the choices made
-    when an actuator is composed, becomes the attribute of that name.
+    The elements of a tuple are in the order of `values`. `structure`, the choices made when an actuator is composed,
+    becomes the attribute of that name; it contains no parameters.
     """
     arrays: dict[str, list[Any]] = {}
     flat: dict[str, Any] = {}

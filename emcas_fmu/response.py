@@ -1,4 +1,4 @@
-"""A simulated response of one or several fins: figures, tables and plots for people and programs."""
+"""A simulated response of one or several fins, with its figures, tables and plots."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-# Command and its limit [rad, deg, deg], in formats of C: the page of emcas explore uses this message too.
+# A message with C's formats for command [rad], command [deg] and limit [deg]; the page of emcas explore also uses it.
 CLIPPED = f"{COMMAND} reaches %.4g rad (%.4g deg); beyond command.limit = %.4g deg it is clipped"
 ROUNDING = 1e-9  # relative; a command at its limit may exceed it by rounding
 IN_DEGREES = ". Commands are in rad: is it in degrees?"
@@ -47,9 +47,10 @@ _MOST_PANELS = 8  # largest number of panels for an actuator's outputs beyond th
 @checked
 @dataclass(frozen=True)
 class Response:
-    """Outputs of one or several fins under an excitation.
+    """The outputs of one or several fins under an excitation.
 
-    `unit` describes the interface, `sets` are the fins' parameters; `columns` are the outputs by name, with ``time``.
+    `unit` describes the interface, `sets` are the fins' parameters. `columns` has ``time`` [s] and the outputs [SI] by
+    name, arrays [rows].
     """
 
     unit: FmuInterface
@@ -63,26 +64,30 @@ class Response:
         return self.columns["time"]
 
     @cached_property
-    def _every(self) -> Columns:
+    def _all_columns(self) -> Columns:
         return {**self.excitation.columns, **self.columns}
 
     def __getitem__(self, name: str) -> Array:
-        """Return an output, an input of the excitation, or ``time``, in its unit: an array [rows].
+        """Return an output, an input of the excitation, or ``time``: an array [rows] in the unit of `units`.
 
         Raises EmcasError for an unknown name.
         """
-        if name not in self._every:
-            raise EmcasError(f"there is no {name}{hint(name, self._every)}; there is {', '.join(self._every)}")
-        return self._every[name]
+        if name not in self._all_columns:
+            raise EmcasError(f"there is no {name}{hint(name, self._all_columns)}; "
+                             f"there is {', '.join(self._all_columns)}")
+        return self._all_columns[name]
 
     @cached_property
     def units(self) -> Mapping[str, str]:
         """Units of outputs, inputs and time by name; empty for Booleans and counts."""
-        of = {v.name: v.unit for v in (*self.unit.inputs, *self.unit.outputs)}
-        return {"time": "s", **{name: of[name] for name in self._every if name != "time"}}
+        unit_of = {v.name: v.unit for v in (*self.unit.inputs, *self.unit.outputs)}
+        return {"time": "s", **{name: unit_of[name] for name in self._all_columns if name != "time"}}
 
     def in_unit(self, name: str, unit: str) -> Array:
-        """Return a column in another unit: ``response.in_unit("fin_angle", "deg")``. Raises EmcasError."""
+        """Return a column in another unit, as ``response.in_unit("fin_angle", "deg")``: an array [rows].
+
+        Raises EmcasError for an unknown name, and for a unit of another quantity.
+        """
         column, measured_in = self[name], self.units[name]
         try:
             zero, one = (convert(Decimal(amount), measured_in, unit) for amount in (0, 1))
@@ -93,7 +98,7 @@ class Response:
 
     @cached_property
     def fins(self) -> tuple[Run, ...]:
-        """A run for each fin, with the names of a single actuator and the mixed command; figures count from time 0."""
+        """The run of each fin, with a single actuator's variable names and the mixed command; it is judged from 0 s."""
         return tuple(self._run(fin) for fin in range(self.unit.fins))
 
     def _run(self, fin: int) -> Run:
@@ -111,7 +116,7 @@ class Response:
 
     @cached_property
     def line(self) -> Mapping[str, float]:
-        """Figures of the line that several fins share; the names end in units."""
+        """The figures of the supply line that several fins share; their names end in units. Empty without a line."""
         if self.unit.line is None:
             return {}
         level, current = self.unit.line.outputs
@@ -124,7 +129,7 @@ class Response:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Messages about unusual commands, one line each."""
+        """Messages about commands beyond their limit, one line each."""
         messages: dict[str, None] = {}
         for run, parameters in zip(self.fins, self.sets, strict=True):
             limit = parameters.values.get("command.limit", inf)
@@ -140,8 +145,9 @@ class Response:
         return extension_outputs(self.unit.kind)
 
     def metrics(self, fin: int = 0) -> dict[str, float]:
-        """Return the figures and final values of a fin (counted from 0) by name; the names end in units.
+        """Return the figures and final values of a fin, counted from 0, by name.
 
+        The names of figures end in units; the final value of an extension's output is in the unit of the output.
         Figures of a motion, such as ``rise_time_s`` and ``overshoot_percent``, are included if the command jumps once.
         Figures of outputs that the actuator lacks are left out. Raises EmcasError for an unknown fin.
         """
@@ -169,7 +175,7 @@ class Response:
         return {name: tuple(parameters) for name, parameters in outputs.items()}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return figures and estimates for JSON; for several fins a list of figures, and the figures of their line."""
+        """Return title, figures and estimates for JSON; for several fins also the figures of their line."""
         figures: dict[str, Any] = {**self.metrics()}
         if self.unit.fins > 1:
             line = {self.unit.line.group: dict(self.line)} if self.unit.line else {}
@@ -178,7 +184,7 @@ class Response:
         return {"title": self.excitation.title, **figures, **({"estimates": estimates} if estimates else {})}
 
     def lines(self) -> list[tuple[str, ...]]:
-        """Return rows of a figure's name (marked if an estimate) and its value for each fin, then status changes."""
+        """Return a row for each figure and each status: its name (marked if an estimate), then a text for each fin."""
         return [(self._marked(name), *values) for name, *values in self._lines()]
 
     def _marked(self, name: str, words: str = "") -> str:
@@ -192,7 +198,7 @@ class Response:
                        for v in discrete.values()]
 
     def _text(self, name: str, value: float) -> str:
-        """Return a figure as text; for a time that is not reached, "not within" the simulated time."""
+        """Return a figure as text, also if the response did not reach it."""
         moves = self.fins[0].excitation.moves
         if isfinite(value) or not moves:
             return number(value)
@@ -200,29 +206,32 @@ class Response:
         return f"not within {waited} s" if metrics.unit_of(name) == "s" else "not reached"
 
     def write_csv(self, path: Path | str) -> None:
-        """Write time, the inputs of the excitation and every output, SI, with 17 digits, so that no bit is lost.
+        """Write time, the inputs of the excitation and every output to a CSV file, SI, with all digits of a float.
 
         Raises EmcasError for a file that cannot be written.
         """
         from .bench.writers import write_csv  # with JUnit's library
 
-        write_csv({"time": self.time, **self._every}, path)
+        write_csv({"time": self.time, **self._all_columns}, path)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return a pandas DataFrame of all columns over time [s]; ``attrs["units"]`` are their units. Needs pandas."""
+        """Return all columns as a pandas DataFrame with index time [s]; its ``attrs["units"]`` has their units.
+
+        Raises EmcasError without pandas.
+        """
         extras.require("", "to_dataframe() needs", "pandas")
         import pandas
 
-        frame = pandas.DataFrame({name: column for name, column in self._every.items() if name != "time"},
+        frame = pandas.DataFrame({name: column for name, column in self._all_columns.items() if name != "time"},
                                  index=pandas.Index(self.time, name="time"))
         frame.attrs["units"] = dict(self.units)
         return frame
 
     def plot(self, path: Path | str | None = None) -> Figure:
-        """Plot command, outputs and limits over time, and write a ``.html``, ``.svg``, ``.png`` or ``.pdf`` to `path`.
+        """Plot command, outputs and limits over time; write the plot to `path`, if passed.
 
-        Returns the Matplotlib figure, which a notebook shows. Raises EmcasError for a file with another ending, or one
-        that cannot be written.
+        `path` ends in ``.html`` (a page with figures), ``.svg``, ``.png`` or ``.pdf``. Returns the Matplotlib figure,
+        which a notebook shows. Raises EmcasError for another ending, or a file that cannot be written.
         """
         from .figures.plots import style, write  # with Matplotlib, a third of the start of every command
         from .response_plot import draw
@@ -250,7 +259,7 @@ class Response:
                    conditions=list(self._conditions()), fins=fins)
 
     def _rows(self) -> list[tuple[str, str, list[str]]]:
-        """Return for each figure its name in words, its unit and a value for each fin; times are in ms."""
+        """Return for each figure its name in words, its unit and a text for each fin; times are in ms."""
         units = {f"{v.name}_final": v.unit for v in self.extension_outputs}
         rows = []
         for name, *values in self._lines():
@@ -263,25 +272,26 @@ class Response:
         return rows
 
     def _conditions(self) -> Iterator[tuple[str, str]]:
-        """Yield labels and values of times, inputs, and parameters set outside files or different between fins."""
+        """Yield label and value of times, inputs, usual conditions, and parameters that a user set or that differ."""
         excitation = self.excitation
         yield "time", f"{number(excitation.stop)} s in communication steps of {number(1e3 * excitation.step)} ms"
         for name, column in excitation.columns.items():
             unit, scale = metrics.shown(self.units[name])
             ends = dict.fromkeys(stated(scale * float(end), unit) for end in (np.min(column), np.max(column)))
             yield code(name), Markup(" … ").join(ends)
-        held = conditions(self.unit.kind, self.sets[0].values)
-        yield from ((label, stated(value, unit, name)) for label, name, value, unit in held
+        usual = conditions(self.unit.kind, self.sets[0].values)
+        yield from ((label, stated(value, unit, name)) for label, name, value, unit in usual
                     if name not in excitation.columns)
         for entries in zip(*(each.entries for each in self.sets), strict=True):
             v, same = entries[0].variable, len({e.value for e in entries}) == 1
             if not same or any(e.source == "user" and not e.file for e in entries):
                 values = [(v.name if same else self.unit.name(v.name, fin), e.value) for fin, e in enumerate(entries)]
                 yield from ((code(name), stated(value, v.unit)) for name, value in (values[:1] if same else values)
-                            if name not in {name for _, name, *_ in held})
+                            if name not in {name for _, name, *_ in usual})
 
     def __repr__(self) -> str:
-        return f"<Response of {self.unit.model}: {self.excitation.title}, {len(self.time)} rows of {len(self._every)}>"
+        return (f"<Response of {self.unit.model}: {self.excitation.title}, {len(self.time)} rows, "
+                f"{len(self._all_columns)} columns>")
 
     def _repr_html_(self) -> str:
         rows = "".join(f"<tr><td>{'<td>'.join(map(escape, row))}" for row in self.lines())

@@ -1,4 +1,4 @@
-"""The plot of a response over time: command, outputs of all fins, of their line and of extensions, active limits."""
+"""The plot of a response over time."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # styles of
 
 def draw(unit: FmuInterface, title: str, fins: Sequence[Run], columns: Columns,
          panels: Sequence[Sequence[Variable]], estimated: Collection[str]) -> Figure:
-    """Plot over time the command, outputs of every fin, of their line and of extensions; shade active limits.
+    """Plot command and outputs of the fins, their line and extensions over time, and shade active limits.
 
     `fins` are the runs of the fins, `columns` the outputs of the `unit` by name with ``time`` [s], `panels` the
-    actuator's outputs in each panel, `estimated` the names of extensions' outputs that depend on estimates. Call it
-    inside `style()`.
+    actuator's outputs in each panel, `estimated` the names of extensions' outputs that depend on estimates. The caller
+    is inside `style()`.
     """
     label, unit_of_time = time_axis(columns["time"][-1])
     time = columns["time"] * unit_of_time
@@ -60,7 +60,8 @@ def draw(unit: FmuInterface, title: str, fins: Sequence[Run], columns: Columns,
 
 
 def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence[Run]) -> None:
-    """Plot outputs of one unit, each in its colour; for several fins a colour for each fin, a style for each output."""
+    """Plot outputs of one unit, each in its colour; for several fins a colour for each fin and a style for each output.
+    """
     unit, scale = metrics.shown_output(panel[0])
     names, several = [v.name.replace("_", " ") for v in panel], len(fins) > 1
     for j, (v, name) in enumerate(zip(panel, names, strict=True)):
@@ -74,7 +75,7 @@ def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence
 
 
 def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any], estimated: bool) -> None:
-    """Plot an output of an extension, a line for each fin; of a status word, a bar for each flag that is ever set."""
+    """Plot an extension's output, a line for each fin; for a word of flags, a bar where each flag is set."""
     axes.set_ylabel(f"{v.name.replace('_', ' ')}{f' [{v.unit}]' if v.kind == 'Real' else ''}{ESTIMATE * estimated}")
     flags = [i for i in range(len(v.bits)) if any(np.any(column.astype(int) >> i & 1) for column in columns)]
     for k, column in enumerate(columns):

@@ -12,7 +12,7 @@ from itertools import pairwise
 from math import inf, isfinite, pi
 from typing import Any, NamedTuple
 
-SCAN = 100  # shares of the travel on each side of 0 at which a scanned rule is evaluated
+SCAN = 100  # number of shares of the travel on each side of 0
 SHARES = tuple(i / SCAN for i in range(-SCAN, SCAN + 1))
 """Shares of the travel, from -1 to 1, at which a scanned rule is evaluated."""
 # Relative tolerance of comparisons: equal values may differ in the last digit if they are written in different units.
@@ -56,7 +56,7 @@ def in_degrees(angle: Any) -> Any:
 
 
 def when(ops: Any, condition: Any) -> Any:
-    """Return the amount by which a rule is broken whose violation is a `condition`: 1 if it holds, else 0."""
+    """Return the amount by which a rule is broken: 1 if the `condition` that breaks it holds, otherwise 0."""
     return ops.where(condition, 1.0, 0.0)
 
 
@@ -74,7 +74,9 @@ def rising(name: str, count: int, unit: str = "1") -> Rule:
 
 
 def at_most(name: str, limit: str, unit: str = "", otherwise: str = "") -> Rule:
-    """Return the rule that a parameter is at most the parameter `limit`, both in `unit`; `otherwise` ends the message.
+    """Return the rule that the parameter `name` is at most the parameter `limit`, both in `unit`.
+
+    `otherwise` is the end of the message.
     """
     unit = unit and f" {unit}"
 

@@ -23,7 +23,7 @@ T = TypeVar("T")
 Array = NDArray[Any]
 Signal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
 KERNELS = ("auto", "compiled", "python")
-LONGEST_DIAGNOSIS = 2.0  # [s] simulated in plain Python to find the faulty line of a file; takes up to 20 s
+LONGEST_DIAGNOSIS = 2.0  # s, simulated again in plain Python, in up to 20 s, to find the faulty line of a file
 _UNCHOSEN = ("; Python raises it also for the value that ops.where does not choose: choose the divisor, or the "
              "argument of the root, by ops.where, or use ops.branch")
 MOST_POINTS = 10_000_000  # outputs at more points would not fit into memory
@@ -31,15 +31,15 @@ MOST_POINTS = 10_000_000  # outputs at more points would not fit into memory
 
 def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel: str = "auto",
              model: str = NONLINEAR, **inputs: Signal) -> dict[str, Array]:
-    """Return the outputs of an actuator at its communication points, from 0 to `stop` [s] every `step` [s].
+    """Return ``time`` [s] and the outputs [SI] of an actuator by name: arrays from 0 to `stop` [s] every `step` [s].
 
     `values` are the parameters of the `model` (:mod:`emcas_fmu.actuators`) by name, SI. Keywords are names of inputs
     with ``__`` for the dot (``attitude__roll``); a value is a constant, a function of time [s], or an array of values
-    at the communication points, and is held over a step. `kernel` is ``compiled``, ``python`` or ``auto``: compiled if
-    there is a C compiler and 10 s are simulated, or 1 s if it has been compiled before. Both give the same numbers.
+    at the communication points, and is held over a step. `kernel` is ``compiled``, ``python`` or ``auto`` (compiled if
+    this saves time, see :func:`.library.worth`). Both kernels compute the same numbers.
 
-    Returns an array for each output and for ``time``. Raises TypeError for an unknown input, ValueError for an input
-    that is not finite and for parameters out of their limits, ArithmeticError if a step cannot be computed.
+    Raises TypeError for an unknown input, ValueError for an input that is not finite and for parameters out of their
+    limits, ArithmeticError if a step cannot be computed, EmcasError for a kernel that does not exist.
     """
     actuator = get(model)
     table = _table(actuator.inputs, [v.initial(values) for v in actuator.inputs], stop, step, inputs)
@@ -50,12 +50,12 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
 
 def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 1e-3, model: str = NONLINEAR,
                   line: Mapping[str, float] | None = None, **inputs: Signal) -> dict[str, Array]:
-    """Return the outputs of several fins on one supply line, by the names of an FMU of several fins.
+    """Return ``time`` [s] and the outputs [SI] of several fins on one supply line, by the names of a multi-fin FMU.
 
-    The steps are computed in Python, slower than by `simulate`. `sets` are the parameters of each fin; `line` are
+    The steps are computed in Python, slower than by `simulate`. `sets` are the parameters of each fin; `line` changes
     parameters of the line (``bus.source_resistance``, ``line.accumulator_volume``). An input of a single actuator, such
-    as ``fin_command``, applies to every fin; ``**{"fin[2].fin_command": ...}`` applies to one. Raises as `simulate`
-    does, and EmcasError for an unknown parameter of the line.
+    as ``fin_command``, applies to every fin, ``**{"fin[2].fin_command": ...}`` to one. Raises the errors of `simulate`,
+    and EmcasError for an unknown parameter of the line.
     """
     unit = FmuInterface(len(sets), model)
     if unit.fins == 1:
@@ -104,7 +104,7 @@ def _fins_by_python(unit: FmuInterface, cores: MultiFin, table: Array, step: flo
 
 
 def spread(inputs: Mapping[str, T], unit: FmuInterface) -> dict[str, T]:
-    """Return inputs by the names of an FMU of several fins; an input of a single actuator becomes that of every fin."""
+    """Return inputs by the names of a multi-fin FMU; an input of a single actuator becomes the input of every fin."""
     names, names_of_one = {v.name for v in unit.inputs}, {v.name for v in unit.actuator.inputs}
     by_name: dict[str, T] = {}
     for keyword, signal in inputs.items():
@@ -116,7 +116,7 @@ def spread(inputs: Mapping[str, T], unit: FmuInterface) -> dict[str, T]:
 
 def _table(variables: Sequence[Variable], starts: Sequence[Any], stop: float, step: float,
            inputs: Mapping[str, Signal]) -> Array:
-    """Return the inputs at the communication points, an array [points, inputs]; start values where none is passed."""
+    """Return the inputs at the communication points, an array [points, inputs]; the others have their start values."""
     if not (0.0 < step < np.inf and step * 0.5 <= stop <= MOST_POINTS * step):
         raise ValueError(f"from 0 to {stop} s every {step} s: both must be above 0, with 1 to {MOST_POINTS:g} steps")
     times: Array = np.arange(round(stop / step) + 1) * step
@@ -142,8 +142,9 @@ def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequ
                 spring: Array | float = 0.0) -> compiled.Tables:
     """Return the outputs of many actuators; shapes and units as in :func:`emcas_fmu.runtime.compiled.run_tables`.
 
-    Without a compiled kernel they run in Python, with the same numbers. For a user's actuator the error of the first
-    incomplete run names the line of the file. Raises EmcasError for an unknown `kernel`.
+    Without a compiled kernel they are computed in Python, with the same numbers. The first run of a user's actuator
+    that cannot be computed within LONGEST_DIAGNOSIS has an error that names the line of the file. Raises EmcasError for
+    an unknown `kernel`.
     """
     if kernel not in KERNELS:
         raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")
@@ -161,8 +162,8 @@ def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequ
         springs = np.broadcast_to(spring, count)
         again = _by_python(sets[[run % len(sets)]], chosen, step, (), model, held, (), springs[run],
                            diagnosis.functions)
-        found = tables.failures[run] if by_machine else ArithmeticError(f"{tables.failures[run]}{_UNCHOSEN}")
-        tables.failures[run] = again.failures.get(0, found)
+        error = tables.failures[run] if by_machine else ArithmeticError(f"{tables.failures[run]}{_UNCHOSEN}")
+        tables.failures[run] = again.failures.get(0, error)
     return tables
 
 

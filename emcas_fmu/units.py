@@ -1,7 +1,7 @@
 """Units of measurement, and their conversion to the units of variables.
 
-Angle is a dimension here. In the SI radians are pure numbers, so that revolutions per minute would pass for 1/s and mm
-per turn for mm. Arithmetic is decimal: 3.7 ms is exactly 0.0037 s.
+Angle is a dimension here. In the SI radians are pure numbers: a value in revolutions per minute would be accepted for
+one in 1/s. Arithmetic is decimal: 3.7 ms is exactly 0.0037 s.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def convert(amount: Decimal, written: str, unit: str) -> float:
 
 @cache
 def to_base(unit: str) -> tuple[dict[str, int], float, float]:
-    """Return the integer exponents of a unit's dimensions, and its factor and offset to SI base units.
+    """Return the exponents of a unit by dimension, such as ``[mass]``, and its factor and offset to SI base units.
 
     Raises UnitError for an unknown unit.
     """

@@ -1,8 +1,7 @@
-"""Variables of an interface, and functions that declare them.
+"""Variables of an actuator's interface, and functions that declare them.
 
-Every actuator declares its variables (:mod:`emcas_fmu.actuators`). Model description, kernels and documentation are
-generated from these declarations. Parameter files contain the values of parameters, each with its source. A released
-name is never changed.
+Model description, kernels and documentation are generated from these declarations. Parameter files contain the values
+of parameters, each with its source. A released name is never changed.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ class Variable:
     - ``sheet``: document and name under which a user finds the value, as in "motor: rotor inertia"; empty if no data
       sheet or drawing has it.
     - ``display``, ``quantity``: unit in which pages and hosts show the value, and name of the measured quantity, such
-      as "BulkModulus"; by default those that belong to its unit (:mod:`emcas_fmu.fmi.units`).
+      as "BulkModulus"; the defaults depend on the unit (:mod:`emcas_fmu.fmi.units`).
     - ``limited_by``: parameters whose sum limits the magnitude of an output; ignored unless the actuator has all of
       these parameters.
     """
@@ -53,17 +52,14 @@ class Variable:
     limited_by: tuple[str, ...] = ()
 
     def initial(self, values: Mapping[str, Any]) -> Any:
-        """Return the start value of an input: the entry `key` of `values`; without a key `start`, or 0.0 if not set.
+        """Return the start value of an input: the entry `key` of `values`, or without a key `start` (None means 0.0).
 
         `values` are the actuator's parameters and start values by name. Raises KeyError if they lack the entry.
         """
         return values[self.key] if self.key else self.start or 0.0
 
     def in_words(self, value: float) -> str:
-        """Return a value in words: an enumeration's item, the flags that are set or "none", or the number in 5 digits.
-
-        The items of an enumeration count from 1.
-        """
+        """Return a value in words: an enumeration's item, the flags that are set, or the number with 5 digits."""
         if self.items:
             return self.items[int(value) - 1][0]
         if self.bits:
