@@ -1,11 +1,11 @@
-/* Runs the native FMU: a step of the fin command under a restoring hinge moment, printed as CSV.
+/* Runs the native FMU with a step of the fin command under a restoring hinge moment, and prints the response as CSV.
  *
  *     unzip -qo EMCAS.fmu -d emcas
  *     cc -std=c11 -I headers host.c -o host -ldl
  *     ./host emcas > response.csv
  *
- * The argument is the unpacked FMU. C11 and POSIX; on Windows LoadLibrary takes the place of dlopen. The headers are those
- * of FMI 2.0, from fmi-standard.org or from fmpy's folder c-code. C++ compiles it as well, with -x c++.
+ * The argument is the folder of the unpacked FMU. The program is C11 with POSIX; on Windows use LoadLibrary instead of dlopen.
+ * The headers are those of FMI 2.0, from fmi-standard.org or from fmpy's folder c-code. It is also valid C++ (-x c++).
  */
 #define _DEFAULT_SOURCE /* realpath */
 #include <dlfcn.h>
@@ -17,7 +17,7 @@
 #include "fmi2Functions.h"
 
 #define STEP 1e-3       /* s: the controllers' sample time */
-#define STIFFNESS 200.0 /* N.m/rad of the aerodynamic hinge moment; it restores, so the moment is -STIFFNESS * angle */
+#define STIFFNESS 200.0 /* N.m/rad: the restoring hinge moment is -STIFFNESS * angle */
 
 #if defined(__APPLE__)
 #define LIBRARY "binaries/darwin64/EMCAS.dylib"
@@ -61,7 +61,7 @@ static char *read_text(const char *path) {
     return text;
 }
 
-/* The text of an attribute, from `from` on; a host with an XML library has no need of this. */
+/* Returns the first value of an attribute after `from`; a host with an XML library does not need this function. */
 static char *attribute(const char *from, const char *name) {
     char pattern[64];
     const char *begin, *end;
@@ -75,7 +75,7 @@ static char *attribute(const char *from, const char *name) {
     return (char *)memcpy(value, begin, (size_t)(end - begin));
 }
 
-/* Variables are wired by name: references may differ between versions. */
+/* Returns a value reference by name: value references may differ between versions of the FMU. */
 static fmi2ValueReference reference(const char *description, const char *name) {
     char pattern[128];
     const char *found;
@@ -92,7 +92,7 @@ static fmi2ValueReference reference(const char *description, const char *name) {
 
 static void *library;
 
-/* Copied: ISO C has no conversion between pointers to objects and to functions. */
+/* Copies a function's address, since ISO C cannot convert a pointer to an object to a pointer to a function. */
 static void find(const char *name, void *into) {
     void *address = dlsym(library, name);
     if (!address) fail(name, "is not in the library");
@@ -131,7 +131,7 @@ int main(int count, char **arguments) {
     if (!fin) fail("fmi2Instantiate", "refused; the FMU says why above");
     check(SetupExperiment(fin, fmi2False, 0.0, 0.0, fmi2False, 0.0), "fmi2SetupExperiment");
     check(EnterInitializationMode(fin), "fmi2EnterInitializationMode");
-    /* Parameters are set here. */
+    /* Set parameters here. */
     check(ExitInitializationMode(fin), "fmi2ExitInitializationMode");
 
     fmi2Real values[3];
@@ -142,7 +142,7 @@ int main(int count, char **arguments) {
         fmi2Real target = k < 50 ? 0.0 : 0.2, load = -STIFFNESS * values[0];
         check(SetReal(fin, &command, 1, &target), "fmi2SetReal");
         check(SetReal(fin, &moment, 1, &load), "fmi2SetReal");
-        /* A count, not a sum: time does not drift. */
+        /* A product: the sum of the steps would drift. */
         check(DoStep(fin, k * STEP, STEP, fmi2True), "fmi2DoStep");
         check(GetReal(fin, outputs, 3, values), "fmi2GetReal");
     }

@@ -1,4 +1,4 @@
-"""Calibration on one record: least squares of force under the loops and of position in open-loop windows."""
+"""Calibration on one record: least squares of force in closed loops and of position in open-loop windows."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from scipy.optimize import least_squares
 from .records import SAMPLE_TIME, Array, Record
 from .simulated import BORDER, WINDOW, Values, force, in_windows, percent, under_loops
 
-# Each free parameter with its order of magnitude, in SI.
+# Orders of magnitude of the free parameters, in SI.
 FREE = {"inertia.fin": 100.0, "friction.dry": 10.0, "friction.build_up": 10.0, "friction.build_up_rate": 0.02,
         "friction.viscous_positive": 100.0, "friction.viscous_negative": 100.0, "friction.load_positive": 0.1,
         "friction.load_negative": 0.1, "friction.slope_positive": 1.0, "friction.slope_negative": 1.0,
         "friction.curvature_positive": 10.0, "friction.curvature_negative": 10.0, "axis.offset": 1.0,
         "drive.lag": 1e-3}
-# Inside those of the actuator, by a step of the slopes at least.
+# Limits within those of the actuator, by at least the step of the slopes.
 LIMITS = {"friction.build_up_rate": (1e-3, 1.0), "friction.load_positive": (1e-4, 0.5),
           "friction.load_negative": (1e-4, 0.5), "drive.lag": (2e-6, 5e-3)}
-# What force and position in windows are off by when all is fitted (RMS): the weights of the two.
+# RMS errors of force and of position in windows after a fit, by which the residuals are divided.
 FORCE, POSITION = 1.2, 0.3e-3  # N, m
-STAGES, STAGE = 8, round(0.78 / SAMPLE_TIME)  # of a period of 6.24 s; samples
+STAGES, STAGE = 8, round(0.78 / SAMPLE_TIME)  # number of stages in a period of 6.24 s, and samples of a stage
 TERMS: Mapping[str, Values] = {
     "all terms": {}, "no lag of the drive": {"drive.lag": 1e-6},
     "no friction that builds up": {"friction.build_up": 0.0, "friction.build_up_rate": 1.0},
     "no friction by load": {"friction.load_positive": 0.0, "friction.load_negative": 0.0},
     "no friction by position": {f"friction.{name}_{side}": 0.0 for name in ("slope", "curvature")
                                 for side in ("positive", "negative")}}
-_STEP = 1e-4  # of the order of magnitude: slopes are within 1e-5 of those by a tenth of it
+_STEP = 1e-4  # step of the slopes over the order of magnitude; with a tenth of it they differ by at most 1e-5
 
 
 def calibrated(record: Record, start: Values, free: Mapping[str, float] = FREE, kept: Array | None = None,
                evaluations: int = 25) -> dict[str, float]:
-    """Return `start` with the `free` parameters that fit a record best; of its samples, those that are `kept`."""
+    """Return `start` with the `free` parameters that fit the samples `kept` (default: all) of a record best."""
     scales = np.array(list(free.values()))
     kept = np.ones(len(record), dtype=bool) if kept is None else kept
     inner = kept & (np.arange(len(record)) >= BORDER)
@@ -59,10 +59,10 @@ def calibrated(record: Record, start: Values, free: Mapping[str, float] = FREE, 
 
 
 def cross_validation(record: Record, start: Values) -> dict[str, tuple[float, float, float]]:
-    """Return errors with all terms, and without each of TERMS: force fitted, force [%] and windows [mm] held out.
+    """Return three errors for each of TERMS: of the force fitted [%] and held out [%], and of windows held out [mm].
 
     Each of the eight stages of the command's period, from one stop to the next, is held out in turn, with the windows
-    that contain a part of it, and is compared with parameters from the others.
+    that contain a part of it, and is simulated with the parameters fitted to the others.
     """
     stage = np.arange(len(record)) // STAGE % STAGES
     results = {}
@@ -70,14 +70,14 @@ def cross_validation(record: Record, start: Values) -> dict[str, tuple[float, fl
         free = {name: scale for name, scale in FREE.items() if name not in neutral}
         whole = calibrated(record, {**start, **neutral}, free)
         squares, window_squares = np.zeros(2), np.zeros(2)
-        for held in range(STAGES):
-            values = calibrated(record, whole, free, stage != held, 6)
-            out = (stage == held) & (np.arange(len(record)) >= BORDER)
+        for held_out in range(STAGES):
+            values = calibrated(record, whole, free, stage != held_out, 6)
+            out = (stage == held_out) & (np.arange(len(record)) >= BORDER)
             _, voltage = under_loops(record, [values])
             squares += np.sum((voltage[0] - record.voltage)[out] ** 2), np.sum(record.voltage[out] ** 2)
-            windows = [at for at in range(len(record) // WINDOW) if (stage[at * WINDOW:][:WINDOW] == held).any()]
-            off = in_windows(record, [values])[0, windows]
-            window_squares += np.sum(off ** 2), off.size
+            windows = [at for at in range(len(record) // WINDOW) if (stage[at * WINDOW:][:WINDOW] == held_out).any()]
+            errors = in_windows(record, [values])[0, windows]
+            window_squares += np.sum(errors ** 2), errors.size
         _, voltage = under_loops(record, [whole])
         results[words] = (percent(voltage[0], record.voltage), 100.0 * float(np.sqrt(squares[0] / squares[1])),
                           1e3 * float(np.sqrt(window_squares[0] / window_squares[1])))

@@ -16,9 +16,9 @@ if __package__ in (None, ""):  # run as a file: modules are found from the folde
 
 EPILOG = ("Examples:\n\n  python examples/emps/compare.py --records my_records --json emps.json --plot emps.svg"
           "\n\n  EMCAS_RECORDS=my_records python examples/emps/compare.py --fit")
-NO_RECORDS = 3
-# The plant of the authors: no lag, and friction that is dry and viscous. Janot, Gautier, Brunot 2019, 3.4 and 4.2: F_c+
-# and F_c- are the mean dry friction and an offset of half their difference.
+NO_RECORDS = 3  # exit code
+# The authors' plant has no lag, and only dry and viscous friction. Their dry frictions F_c+ and F_c- become a mean and
+# an offset of half their difference (Janot, Gautier, Brunot 2019, 3.4 and 4.2).
 _PLAIN = {"friction.build_up": 0.0, "friction.load_positive": 0.0, "friction.load_negative": 0.0, "drive.lag": 1e-6,
           **{f"friction.{name}_{side}": 0.0 for name in ("slope", "curvature") for side in ("positive", "negative")}}
 AUTHORS: Mapping[str, Mapping[str, float]] = {
@@ -29,26 +29,26 @@ AUTHORS: Mapping[str, Mapping[str, float]] = {
                      "friction.viscous_negative": 240.4236}}
 PRINTED = {"fitted": {"force_percent": 5.848, "position_percent": 0.013752},
            "unseen": {"force_percent": 8.9409, "position_percent": 0.0080248}}  # with symmetrical friction
-# Where a calibration starts: the authors' asymmetrical friction, a part of which builds up with speed.
+# Start values of a calibration: the authors' asymmetrical friction, of which a part builds up with speed.
 BEGIN = {**AUTHORS["asymmetrical"], "friction.dry": 15.0, "friction.build_up": 5.0, "friction.build_up_rate": 0.02,
          "drive.lag": 1e-4}
 
 
 def compare(
-    records: Annotated[Path | None, typer.Option(help="Folder with DATA_EMPS.mat and DATA_EMPS_PULSES.mat, or with "
-                                                 "these in its folder emps.", metavar="DIR",
+    records: Annotated[Path | None, typer.Option(help="Folder with DATA_EMPS.mat and DATA_EMPS_PULSES.mat, or with a "
+                                                 "folder emps that contains them.", metavar="DIR",
                                                  envvar="EMCAS_RECORDS")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="File for the figures.", metavar="FILE")] = None,
-    plot: Annotated[Path | None, typer.Option(help="File for measured against simulated, .svg or .png.",
+    plot: Annotated[Path | None, typer.Option(help="File for a plot of measured and simulated signals, .svg or .png.",
                                               metavar="FILE")] = None,
     fit: Annotated[bool, typer.Option("--fit", help="Calibrate on the first record, from the authors' parameters, "
                                       "instead of reading emps.toml (10 s).")] = False,
-    terms: Annotated[bool, typer.Option("--terms", help="Also show what each term of the model gains on stages of the "
-                                        "first record that are held out (two minutes).")] = False,
+    terms: Annotated[bool, typer.Option("--terms", help="Also print the errors without each term of the model, on "
+                                        "stages of the first record that are held out (two minutes).")] = False,
 ) -> None:
-    """Print what the model and the authors' parameters are off by, on the fitted record and on the unseen one.
+    """Print the errors of the model, and of the authors' parameters, on the fitted and on the unseen record.
 
-    Exit codes: 0 done, 2 an error, 3 there are no records.
+    Exit codes: 0 done, 2 an error, 3 no records.
     """
     from emcas_fmu.commands.common import check_outputs, err, failures, out
     from emcas_fmu.figures import check_image
@@ -95,7 +95,7 @@ def compare(
 
 
 def _plot(path: Path, records: tuple[Any, ...], values: Mapping[str, float]) -> None:
-    """Write forces of both records, measured and simulated, and errors of open-loop windows."""
+    """Write a picture of measured and simulated forces in both records, and of position errors in open-loop windows."""
     import numpy as np
 
     from emcas_fmu.figures import plots

@@ -4,36 +4,36 @@
     F_f = (A + B (1 - exp(-|v|/v_1)) + C |v|) (1 + a (q - q_m) + b (q - q_m)^2) + D |F|
     u = k_v (k_p (q_c - q) - (q - q'')/(2 T)) + u_a, within +-10 V
 
-q is the load's position, F the force of the motor and F_e an external one. The amplifier of gain g has the lag tau.
-The friction F_f builds up with speed, from A by B; C, D, a and b differ between the directions. At rest it holds the
-load, up to its value at v = 0. q'' is q two samples before, and u_a a voltage that is added to that of the loops.
+q is the load's position, F the force of the motor and F_e an external force. The amplifier has the gain g and the lag
+tau. The friction F_f grows with speed from A to A + B; C, D, a and b depend on the direction. At rest friction holds
+the load, up to its value at v = 0. q'' is q two samples before; the voltage u_a is added to that of the loops.
 
 The fin port's angle is the load's position through an arm of 1 m: 1 rad is 1 m, 1 N.m is 1 N, and 1 kg.m2 is 1 kg.
 Loops and gain are those of the rig: Janot, Gautier, Brunot, "Data Set and Reference Models of EMPS", 2019. The plant's
-values are identified from its first record (emps.toml).
+values are identified from the first record of the rig (emps.toml).
 """
 
 import emcas_fmu.declare as em
 
-MIDDLE = 0.123  # m, of the travel: q_m
+MIDDLE = 0.123  # m, middle of the travel, q_m
 DIRECTIONS = (("positive", "forwards"), ("negative", "backwards"))
 
 PARAMETERS = (
     em.parameter("friction.dry", "N.m", 0.0, 1e3, "friction at a speed near 0, A"),
-    em.parameter("friction.build_up", "N.m", -1e3, 1e3, "friction that speed adds, B; below 0 it falls (Stribeck)"),
-    em.parameter("friction.build_up_rate", "rad/s", 1e-6, 10.0, "speed at which 63 % of that is added, v_1"),
+    em.parameter("friction.build_up", "N.m", -1e3, 1e3, "growth of friction with speed, B; below 0 a decrease"),
+    em.parameter("friction.build_up_rate", "rad/s", 1e-6, 10.0, "speed at which 63 % of the growth is reached, v_1"),
     *(em.parameter(f"friction.viscous_{name}", "N.m.s/rad", 0.0, 1e5, f"viscous friction {words}, C")
       for name, words in DIRECTIONS),
     *(em.parameter(f"friction.load_{name}", "1", 0.0, 1.0, f"share of the motor's force that is friction {words}, D")
       for name, words in DIRECTIONS),
     *(em.parameter(f"friction.slope_{name}", "1/rad", -10.0, 10.0, f"growth of friction along the screw {words}, a")
       for name, words in DIRECTIONS),
-    *(em.parameter(f"friction.curvature_{name}", "1/rad2", -100.0, 100.0, f"its growth to the screw's ends {words}, b")
-      for name, words in DIRECTIONS),
+    *(em.parameter(f"friction.curvature_{name}", "1/rad2", -100.0, 100.0,
+                   f"growth of friction to both ends of the screw {words}, b") for name, words in DIRECTIONS),
     em.parameter("axis.offset", "N.m", -1e3, 1e3, "constant force against positive motion, F_0"),
     em.parameter("drive.gain", "N.m/V", 1e-3, 1e4, "force of the motor per volt of the loops, g"),
     em.parameter("drive.lag", "s", 1e-6, 0.01, "time constant of the amplifier, tau", display="ms"),
-    em.parameter("drive.voltage_limit", "V", 0.1, 1e3, "largest voltage of the loops, both signs"),
+    em.parameter("drive.voltage_limit", "V", 0.1, 1e3, "largest magnitude of the loops' voltage"),
     em.parameter("start.rate", "rad/s", -10.0, 10.0, "speed at the start"),
     em.parameter("start.voltage", "V", -1e3, 1e3, "voltage before the first sample"),
     em.tunable("controller.kp", "1/s", 0.0, 1e5, "gain of the position loop, k_p"),
@@ -44,13 +44,13 @@ OF_THE_RIG = {name: {"value": value, "source": "Janot, Gautier, Brunot 2019"} fo
     ("controller.kp", "160.18 1/s"), ("controller.kv", "243.45 V*s/rad"))}
 ESTIMATES = {
     "start.rate": 0.0, "start.voltage": 0.0, "command.limit": 0.25, "fin.stop_angle": 0.3,
-    "solver.max_tick": "0.25 ms"}  # the force is within 0.003 N (RMS) of that with ticks of 0.025 ms
+    "solver.max_tick": "0.25 ms"}  # with ticks of 0.025 ms the force differs by 0.003 N (RMS)
 ADDED_VOLTAGE = em.real_input("added_voltage", "V", "voltage that is added to that of the loops, u_a")
-DRIVE_VOLTAGE = em.real_output("drive_voltage", "V", "voltage of the last sample to the amplifier, u", 10.0)
+DRIVE_VOLTAGE = em.real_output("drive_voltage", "V", "amplifier's input voltage since the last sample, u", 10.0)
 
 
 def sample(ops, p, x, inputs):
-    """Return the voltage to the amplifier, once a sample time; the rate is a difference over two samples."""
+    """Return the amplifier's voltage and the controllers' states; the rate is a difference over two samples."""
     c, limit = p.controller, p.drive.voltage_limit
     rate = (x.fin_angle - x.before) / (2.0 * c.sample_time)
     command = em.fin_port.clipped_command(ops, p, inputs.command)
@@ -61,29 +61,29 @@ def sample(ops, p, x, inputs):
 
 
 def dry_friction(ops, p, x, u):
-    """Return what opposes motion, F_f."""
+    """Return the friction that opposes motion, F_f."""
     f, speed, along = p.friction, ops.fabs(x.fin_rate), x.fin_angle - MIDDLE
 
-    def of(positive, negative):
+    def by_direction(positive, negative):
         return ops.where(x.fin_rate < 0.0, negative, positive)
 
     sliding = (f.dry + f.build_up * (1.0 - ops.exp(-speed / f.build_up_rate))
-               + speed * of(f.viscous_positive, f.viscous_negative))
-    place = 1.0 + along * (of(f.slope_positive, f.slope_negative)
-                           + along * of(f.curvature_positive, f.curvature_negative))
-    return ops.maximum(sliding * place, 0.0) + of(f.load_positive, f.load_negative) * ops.fabs(x.force)
+               + speed * by_direction(f.viscous_positive, f.viscous_negative))
+    factor = 1.0 + along * (by_direction(f.slope_positive, f.slope_negative)
+                            + along * by_direction(f.curvature_positive, f.curvature_negative))
+    return ops.maximum(sliding * factor, 0.0) + by_direction(f.load_positive, f.load_negative) * ops.fabs(x.force)
 
 
 def derivatives(ops, p, x, u):
-    """Return d/dt of every state. A disabled amplifier has no force."""
+    """Return d/dt of every state; the force of a disabled amplifier decays to 0."""
     force = x.force - p.axis.offset + em.fin_port.hinge_torque(ops, p, x.fin_angle, u) - u.friction
-    asked = p.drive.gain * ops.where(u.enabled, u.reference, 0.0)
+    reference = p.drive.gain * ops.where(u.enabled, u.reference, 0.0)
     return {"fin_angle": x.fin_rate, "fin_rate": force / em.fin_port.hinge_inertia(p),
-            "force": (asked - x.force) / p.drive.lag}
+            "force": (reference - x.force) / p.drive.lag}
 
 
 def initial(ops, p, start):
-    """Return the states of a start in motion: the samples before it lie on a line."""
+    """Return the states at a start in motion; the positions before it are those of a constant speed."""
     step = p.start.rate * p.controller.sample_time
     return {"fin_rate": p.start.rate, "force": p.drive.gain * p.start.voltage,
             "previous": start.fin_angle - step, "before": start.fin_angle - 2.0 * step}
@@ -91,7 +91,7 @@ def initial(ops, p, start):
 
 ACTUATOR = em.Actuator(
     name="emps",
-    title="ball-screw axis with position and velocity loops, its metres through an arm of 1 m",
+    title="ball-screw axis with position and velocity loops, as a fin with an arm of 1 m",
     states=(*em.FIN, em.State("force", "N.m")),
     controller_states=(em.State("previous", "rad"), em.State("before", "rad")),
     parameters=PARAMETERS,

@@ -22,16 +22,16 @@ WHERE = ("Janot, Gautier, Brunot: Data Set and Reference Models of EMPS, among t
          "identification of nonlinearbenchmark.org")
 SAMPLE_TIME = 1e-3  # s
 NEWTON_PER_VOLT = 35.15065188248547  # the drive's gain in both records
-_FILTER = signal.butter(4, 100.0, fs=1.0 / SAMPLE_TIME)  # the authors', forwards and backwards
+_FILTER = signal.butter(4, 100.0, fs=1.0 / SAMPLE_TIME)  # the authors' filter, applied forwards and backwards
 
 
 class NoRecordsError(EmcasError):
-    """There is no folder of records: nobody has named one, or it does not contain them."""
+    """No folder of records is named, or the folder does not contain them."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """One record at 1 kHz: commanded and measured position [m], voltage of the drive, and what was added to it [V]."""
+    """One record at 1 kHz: commanded and measured position [m], the drive's voltage, and the added part of it [V]."""
 
     name: str
     command: Array
@@ -56,7 +56,7 @@ class Record:
 
 
 def folder_of(option: Path | None) -> Path:
-    """Return the folder of the records: the option's, or `emps` in it. Raises NoRecordsError."""
+    """Return the folder of the records: `option`, or the folder `emps` in it. Raises NoRecordsError."""
     if option is None:
         raise NoRecordsError(f"no records: name their folder by --records or {VARIABLE}; they are published: {WHERE}")
     folder = option / "emps" if (option / "emps").is_dir() else option
@@ -66,13 +66,13 @@ def folder_of(option: Path | None) -> Path:
 
 
 def load(path: Path) -> Record:
-    """Return a record from a MATLAB file. Raises EmcasError with the file and what is wrong in it."""
+    """Return a record from a MATLAB file. Raises EmcasError, which names the file and its problem."""
     try:
         content = path.read_bytes()
         read = io.loadmat(BytesIO(content))
     except (OSError, ValueError, TypeError, NotImplementedError, io.matlab.MatReadError) as error:
-        raise EmcasError(f"{path}: is no MATLAB file that SciPy reads ({error}); copy it again") from error
-    # Their pulses_N are volts, in spite of the name, and vir contains them.
+        raise EmcasError(f"{path}: is not a MATLAB file that SciPy reads ({error}); copy it again") from error
+    # In spite of their name, pulses_N are in V. They are a part of vir.
     names = {"qg": "command", "qm": "position", "vir": "voltage", "pulses_N": "added"}
     columns = {name: np.ravel(read[key]).astype(float) for key, name in names.items() if key in read}
     columns.setdefault("added", np.zeros_like(columns.get("position", np.empty(0))))
@@ -81,9 +81,9 @@ def load(path: Path) -> Record:
     time = np.ravel(read.get("t", np.empty(0)))
     if len({len(time), *map(len, columns.values())}) > 1 or len(time) < 1.0 / SAMPLE_TIME:
         lengths = ", ".join(f"{name} {len(column)}" for name, column in columns.items())
-        raise EmcasError(f"{path}: t has {len(time)} rows, {lengths}; they must be equal, and 1000 at least")
+        raise EmcasError(f"{path}: t has {len(time)} rows, {lengths}; expected equal numbers, at least 1000")
     if not all(np.isfinite(column).all() for column in (time, *columns.values())):
         raise EmcasError(f"{path}: there is a value that is not finite; copy the file again")
-    if np.max(np.abs(np.diff(time) / SAMPLE_TIME - 1.0)) > 0.01:  # of the published ones 1e-4
+    if np.max(np.abs(np.diff(time) / SAMPLE_TIME - 1.0)) > 0.01:  # 1e-4 in the published records
         raise EmcasError(f"{path}: t does not advance by 1 ms everywhere; the loops are simulated at 1 kHz")
     return Record(path.stem, sha256=hashlib.sha256(content).hexdigest(), **columns)

@@ -1,4 +1,4 @@
-"""The records simulated: under the loops, and in windows of one second with open loops; and how far they are off."""
+"""Simulations of the records, in closed loops and in windows of 1 s with open loops, and their errors."""
 
 from __future__ import annotations
 
@@ -36,26 +36,26 @@ def _respond(sets: Sequence[Values], outputs: Sequence[str], **inputs: Array) ->
 
 
 def _begun(record: Record, at: int, speed: Array) -> dict[str, float]:
-    """Return the start in a record's state at a sample, whose smoothed `speed` [m/s] is passed."""
+    """Return the parameters of a start in the state of a record at a sample; `speed` [m/s] is the smoothed column."""
     return {"fin.start_angle": float(record.position[at]), "start.rate": float(speed[at]),
             "start.voltage": float(record.voltage[max(at - 1, 0)])}
 
 
 def under_loops(record: Record, sets: Sequence[Values]) -> tuple[Array, Array]:
-    """Return position [m] and voltage [V] under the loops, arrays [sets, samples], from the record's command."""
+    """Return position [m] and voltage [V] in closed loops under the record's command: arrays [sets, samples]."""
     begun = _begun(record, 0, record.speed)
     command, added = (np.append(column, column[-1]) for column in (record.command, record.added))
     responses = _respond([{**values, **begun} for values in sets], ("fin_angle", "drive_voltage"), fin_command=command,
                          added_voltage=added)
-    # The output of a communication point is the voltage of the sample before it.
+    # The output at a communication point is the voltage of the sample before it.
     return responses["fin_angle"][:, :-1], responses["drive_voltage"][:, 1:]
 
 
 def in_windows(record: Record, sets: Sequence[Values], dry: Array | float = 0.0) -> Array:
-    """Return errors of position [m] with open loops, an array [sets, windows, samples].
+    """Return errors of position [m] with open loops: an array [sets, windows, samples].
 
-    Each window begins in the record's state, and has its voltage. `dry` [N], a number or an array [sets, windows], is
-    added to the dry friction.
+    Each window begins in the state of the record, and its input is the record's voltage. `dry` [N], a number or an
+    array [sets, windows], is added to the dry friction.
     """
     starts = range(0, len(record) - WINDOW + 1, WINDOW)
     speed = record.speed
@@ -66,15 +66,15 @@ def in_windows(record: Record, sets: Sequence[Values], dry: Array | float = 0.0)
     voltage, position = (np.stack([column[at:at + WINDOW] for at in starts])
                          for column in (record.voltage, record.position))
     angle = _respond(rows, ("fin_angle",), added_voltage=np.tile(voltage, (len(sets), 1)))["fin_angle"]
-    off: Array = angle.reshape(len(sets), len(begun), WINDOW) - position
-    return off
+    errors: Array = angle.reshape(len(sets), len(begun), WINDOW) - position
+    return errors
 
 
 def friction_levels(record: Record, values: Values) -> Array:
-    """Return what each window's dry friction is above the parameter's [N], from the windows before it; 0 in the first.
+    """Return the level [N] added to the dry friction in each window, computed from the windows before; first 0.
 
-    It changes from day to day, with the temperature of the grease, by more than within seconds: the level is that with
-    the least squares of the errors of all windows before, which are taken as linear in it.
+    Dry friction changes with the temperature of the grease, from day to day by more than within seconds. The level
+    minimises the squared errors of all windows before, which are assumed to be linear in it.
     """
     without, more = in_windows(record, [values, values], np.array([[0.0], [1.0]]))
     slope = more - without
@@ -84,11 +84,11 @@ def friction_levels(record: Record, values: Values) -> Array:
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors against one record: force and position in % of the measured ones, open-loop windows in mm (RMS).
+    """Errors against one record: of force and position in %, and of the position in open-loop windows in mm (RMS).
 
-    The first two are the authors': 100 times the norm of the difference over that of the measured signal, from sample
-    50; their filter is applied to the measured position. `window_rms_mm_level` are windows whose friction has the level
-    of the windows before.
+    The first two are defined by the authors: 100 times the norm of the difference over the norm of the measured signal,
+    from sample 50 on; their filter is applied to the measured position. In `window_rms_mm_level` the friction of each
+    window has the level of the windows before.
     """
 
     force_percent: float
@@ -108,7 +108,7 @@ def errors(record: Record, values: Values) -> Errors:
 
 
 def percent(simulated: Array, measured: Array) -> float:
-    """Return the norm of the difference in % of that of the measured signal, from the sample after BORDER."""
+    """Return the norm of the difference in % of the norm of the measured signal, without the first BORDER samples."""
     return 100.0 * float(np.linalg.norm((simulated - measured)[BORDER:]) / np.linalg.norm(measured[BORDER:]))
 
 

@@ -1,10 +1,10 @@
-"""Two halves of an actuator, coupled: FMUs in fmpy, or anything else with the same two methods, such as a real drive.
+"""Coupling of two halves of an actuator: FMUs in fmpy, or objects with the same two methods, such as a real drive.
 
     with Half(Path("controller.fmu")) as controllers, Half(Path("plant.fmu")) as plant:
         response = coupled(controllers, plant, 0.3, inputs={"fin_command": lambda t: 0.1})
 
-Signals have the same names in both halves. In each step the controllers come first: their sample at t reads what the
-plant has put out at t, and its reference acts from t on. Then the trajectory is that of the whole actuator.
+Signals have the same names in both halves. In each step the controllers are first: their sample at t reads the plant's
+outputs at t, and the reference acts on the plant from t on. The trajectory is then that of the whole actuator.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Stepped(Protocol):
         """Return the present outputs by name."""
 
     def step(self, time: float, size: float, inputs: Signals) -> None:
-        """Advance from `time` by `size` [s] with these inputs, of which it uses those that it has."""
+        """Advance from `time` by `size` [s]; `inputs` that the half does not have are ignored."""
 
 
 class Half:
@@ -52,7 +52,6 @@ class Half:
         put([variable.valueReference], [value])
 
     def signals(self) -> Signals:
-        """Return the present outputs by name."""
         values: dict[str, float] = {}
         for kind, get in (("Real", self._fmu.getReal), ("Boolean", self._fmu.getBoolean)):
             names = {name: v.valueReference for name, v in self._outputs.items() if v.type == kind}
@@ -60,7 +59,6 @@ class Half:
         return values
 
     def step(self, time: float, size: float, inputs: Signals) -> None:
-        """Set those of the `inputs` that the FMU has, and step it from `time` by `size` [s]."""
         for name, value in inputs.items():
             if name in self._inputs:
                 self._set(self._inputs[name], value)
@@ -80,15 +78,15 @@ def coupled(controllers: Stepped, plant: Stepped, stop: float, size: float = 1e-
             ) -> dict[str, NDArray[np.float64]]:
     """Return the plant's outputs and ``time`` every `size` [s] from 0 to `stop` [s].
 
-    `inputs` of both halves are functions of time [s]. Not `in_turn`, both step at once: the plant gets the reference
-    a communication step later, as in a master that passes signals on between steps only.
+    `inputs` of both halves are functions of time [s]. Without `in_turn` both halves step at once: the reference reaches
+    the plant a communication step later, as in a master that transfers signals only between steps.
     """
     rows = [plant.signals()]
     for k in range(round(stop / size)):
         time = k * size
-        given = {name: float(value(time)) for name, value in (inputs or {}).items()}
+        external = {name: float(value(time)) for name, value in (inputs or {}).items()}
         before = controllers.signals()
-        controllers.step(time, size, {**given, **plant.signals()})
-        plant.step(time, size, {**given, **(controllers.signals() if in_turn else before)})
+        controllers.step(time, size, {**external, **plant.signals()})
+        plant.step(time, size, {**external, **(controllers.signals() if in_turn else before)})
         rows.append(plant.signals())
     return {"time": np.arange(len(rows)) * size, **{name: np.array([row[name] for row in rows]) for name in rows[0]}}

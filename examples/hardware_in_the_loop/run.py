@@ -1,4 +1,4 @@
-"""Couple the halves of an actuator, compare with the whole: `python examples/hardware_in_the_loop/run.py --help`."""
+"""Compare coupled halves with the whole actuator: `python examples/hardware_in_the_loop/run.py --help`."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ INPUTS: dict[str, Any] = {"fin_command": lambda t: 0.2 if t > 0.02 else 0.0,
 
 
 class OwnController:
-    """A controller in plain Python in place of the FMU's: proportional loops of position and speed, in floats.
+    """A controller in plain Python that replaces the FMU's: proportional loops of position and speed.
 
-    It turns a command [rad] into a motor angle by the kinematics of lever and screw, and limits speed and reference.
+    It converts a command [rad] to a motor angle by the kinematics of lever and screw, and limits speed and reference.
     """
 
     def __init__(self, p: Any) -> None:
@@ -38,24 +38,24 @@ class OwnController:
         return {"drive_reference": self._reference}
 
     def step(self, time: float, size: float, inputs: Signals) -> None:
-        """Compute the reference for a command [rad], and a motor's angle [rad] and speed [rad/s]."""
+        """Compute the reference [V] from command [rad], motor angle [rad] and motor speed [rad/s] in `inputs`."""
         p, lever = self._p, self._p.kinematics
-        turned = tan(inputs["fin_command"] + lever.initial_angle) - tan(lever.initial_angle)
-        error = turned * lever.moment_arm / p.screw.lead - inputs["motor_angle"]
+        tangent = tan(inputs["fin_command"] + lever.initial_angle) - tan(lever.initial_angle)
+        error = tangent * lever.moment_arm / p.screw.lead - inputs["motor_angle"]
         most, full = p.controller.speed_limit, p.drive.reference_limit
         speed = min(max(p.controller.position.kp * error, -most), most)
         self._reference = min(max(p.controller.velocity.kp * (speed - inputs["motor_speed"]), -full), full)
 
 
 def run(
-    model: Annotated[str, typer.Option(help="Actuator, with extensions, or your file.", metavar="NAME")] = "nonlinear",
+    model: Annotated[str, typer.Option(help="Actuator with extensions, or its file.", metavar="NAME")] = "nonlinear",
     stop: Annotated[float, typer.Option(help="Duration [s].")] = 0.3,
     step: Annotated[float, typer.Option(help="Communication step [s].")] = 1e-3,
-    at_once: Annotated[bool, typer.Option("--at-once", help="Step both halves at once, not in turn.")] = False,
-    own_controller: Annotated[bool, typer.Option("--own-controller", help="With a controller in plain Python (an "
-                                                 "actuator with lever and screw).")] = False,
+    at_once: Annotated[bool, typer.Option("--at-once", help="Step both halves at once instead of in turn.")] = False,
+    own_controller: Annotated[bool, typer.Option("--own-controller", help="Use a controller in plain Python instead of "
+                                                 "the FMU (for an actuator with lever and screw).")] = False,
 ) -> None:
-    """Couple controllers and plant, two FMUs, and print how far the fin's angle is from that of the whole actuator."""
+    """Couple controllers and plant, two FMUs, and print the difference of the fin angle from the whole actuator's."""
     try:
         parameters = emcas.load_parameters(model=model)
         whole = emcas.simulate(parameters, stop=stop, step=step, **INPUTS)
@@ -73,9 +73,9 @@ def run(
     except emcas.EmcasError as error:
         typer.echo(f"Error: {error}", err=True)
         raise typer.Exit(2) from error
-    apart = np.degrees(np.abs(response["fin_angle"] - whole["fin_angle"]))
+    difference = np.degrees(np.abs(response["fin_angle"] - whole["fin_angle"]))
     typer.echo(f"fin angle at {stop:g} s: {np.degrees(response['fin_angle'][-1]):.4f} deg, of the whole actuator "
-               f"{np.degrees(whole['fin_angle'][-1]):.4f} deg; largest difference {apart.max():.3g} deg")
+               f"{np.degrees(whole['fin_angle'][-1]):.4f} deg; largest difference {difference.max():.3g} deg")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Sample data sets: the experiments of chapter 3 on the model, through a rig's instruments.
+"""Sample records: the experiments of the thesis's chapter 3 on the model, measured by a rig's instruments.
 
-The true values are known, so that an identification can be compared with them.
+The true values are known: the results of an identification can be compared with them.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ from emcas_fmu.studies.identification.records import Array
 from . import rig
 from .rig import Log, quantised, run
 
-SPEEDS_RPM = (25, 50, 500, 1000, 1500, 2000)  # those of the thesis, the slowest for Coulomb friction
-TEMPERATURES = (24.0, -6.0)  # degC, those of the thesis
-SPIN_UPS = (2.0, 3.1, 4.9)  # times the reference that overcomes Coulomb friction at fin angle 0, known by trial
-INTERVALS = (1e-5, 2e-5, 5e-5)  # s, of the fast logger
+SPEEDS_RPM = (25, 50, 500, 1000, 1500, 2000)  # speeds in the thesis; the slowest are for Coulomb friction
+TEMPERATURES = (24.0, -6.0)  # degC, in the thesis
+SPIN_UPS = (2.0, 3.1, 4.9)  # references over the one that overcomes Coulomb friction at fin angle 0
+INTERVALS = (1e-5, 2e-5, 5e-5)  # s, possible intervals of the fast logger
 BACKLASH = radians(0.06)
-END = radians(19.5)
-_HALF_WAY = 0.7  # speed after half the time over that at half the travel, from rest at constant acceleration
-_RPM = 2.0 * pi / 60.0
-_SLOW = 200  # rpm: slower sweeps are logged as averages
+END = radians(19.5)  # fin angle at the ends of a sweep
+_HALF_WAY = 0.7  # speed at half the travel over the speed at its end, from rest at constant acceleration
+_RPM = 2.0 * pi / 60.0  # rad/s in 1 rpm
+_SLOW = 200  # rpm; the rows of slower sweeps are averages
 _PAUSE = 0.15  # s at rest before and between moves
 PROVENANCE = "provenance.toml"
 
 Columns = Mapping[str, tuple[Array, str]]
-"""Values and their format by header."""
+"""The values of each column and their format, by the column's header."""
 
 
 def _current(log: Log, rng: np.random.Generator, averaged: int = 1) -> Array:
     true = log.mean_current if averaged > 1 else log.columns["motor_current"]
     noisy = true + rng.normal(0.0, rig.CURRENT_NOISE / averaged**0.5, len(true))
-    # The mean of an averaging logger has finer steps.
+    # An averaging logger has finer steps.
     return quantised(noisy, rig.ADC_BITS + (3 if averaged > 1 else 0), rig.CURRENT_RANGE)
 
 
@@ -59,7 +59,7 @@ def _motor_end(values: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def _there_and_back(low: float, high: float, speed: float) -> tuple[Callable[[float], float], float]:
-    """Return the motor angle over time for a sweep up and one down, and its duration."""
+    """Return the motor angle [rad] over time [s] for a sweep up and down at a `speed` [rad/s], and the duration [s]."""
     sweep = (high - low) / speed
 
     def angle(time: float) -> float:
@@ -71,14 +71,14 @@ def _there_and_back(low: float, high: float, speed: float) -> tuple[Callable[[fl
 
 
 def sweep_speeds(values: Mapping[str, Any], speeds: Sequence[float] = SPEEDS_RPM) -> list[float]:
-    """Return the speeds [rpm] of the sweeps, the fast ones reduced in one ratio to those that the rig can hold."""
+    """Return the speeds [rpm] of the sweeps; the fast ones are reduced by one factor, with which the rig holds them."""
     low, high = _motor_end(values)
     share = min(1.0, rig.fastest_sweep(values, high - low) / (max(speeds) * _RPM))
     return [rpm if rpm < _SLOW else max(round(rpm * share), _SLOW) for rpm in speeds]
 
 
 def friction_run(values: Mapping[str, Any], rng: np.random.Generator, rpm: float, temperature: float) -> Columns:
-    """A sweep up and one down at constant motor speed."""
+    """Return the record of a sweep up and down at constant motor speed."""
     signal, duration = _there_and_back(*_motor_end(values), rpm * _RPM)
     every = 10 if rpm < _SLOW else 1
     log = run({**values, "friction.temperature": temperature}, signal, duration, 1e-3, log_every=every, start=-END)
@@ -90,7 +90,7 @@ def friction_run(values: Mapping[str, Any], rng: np.random.Generator, rpm: float
 
 
 def inertia_run(values: Mapping[str, Any], rng: np.random.Generator, volts: float) -> Columns:
-    """A spin-up by a step of the current demanded, until the fin nears the end of its range."""
+    """Return the record of a spin-up by a step of the reference, until the fin is near the end of its range."""
     side = 1.0 if volts > 0.0 else -1.0
     log = run(values, lambda t: volts if t >= 0.02 else 0.0, 1.5, 5e-4, start=-side * END, open_loop=True)
     past = side * log.columns["fin_angle"] > END
@@ -101,9 +101,9 @@ def inertia_run(values: Mapping[str, Any], rng: np.random.Generator, volts: floa
 
 
 def spin_up_volts(values: Mapping[str, Any]) -> list[float]:
-    """References [V] of the spin-ups, in hundredths.
+    """Return the references [V] of the spin-ups, rounded to hundredths.
 
-    They compensate the reduction of the current by the back-EMF half way through the travel.
+    They compensate the current that the back-EMF takes at half the travel.
     """
     p = nonlinear.ACTUATOR.namespace(values)
     low, high = _motor_end(values)
@@ -124,9 +124,9 @@ def _reference(log: Log, rng: np.random.Generator) -> Array:
 
 
 def drive_fast(values: Mapping[str, Any], rng: np.random.Generator) -> Columns:
-    """Small random steps on a clamped rotor, fast logged: delay and proportional gain."""
+    """Return a fast record of small random steps on a clamped rotor, for delay and proportional gain."""
     p = nonlinear.ACTUATOR.namespace(values)
-    # Steps that use two thirds of the supply, and a logger that resolves delay and rise, which a trial would show.
+    # The steps use two thirds of the supply; the logger's interval resolves delay and rise.
     reach = round(min(0.63 * p.drive.supply_voltage / (2.0 * p.drive.kp), 10.0) / p.drive.current_gain, 2)
     rise = p.motor.inductance / (p.motor.resistance + p.drive.kp)
     interval = max((t for t in INTERVALS if t <= min(rise, p.drive.transport_delay / 15.0)), default=min(INTERVALS))
@@ -138,7 +138,7 @@ def drive_fast(values: Mapping[str, Any], rng: np.random.Generator) -> Columns:
 
 
 def drive_slow(values: Mapping[str, Any], rng: np.random.Generator) -> Columns:
-    """A staircase over half the drive's current on a clamped rotor, slowly logged: gain, offset, integral gain."""
+    """Return a slow record of a staircase over half the drive's current on a clamped rotor, for gains and offset."""
     step = round(min(0.55 * values["drive.current_limit"] / values["drive.current_gain"],
                      0.9 * values["drive.reference_limit"]) / 4.0, 2)
     levels = tuple(step * k for k in (0.0, 2.0, 4.0, 0.0, -4.0, -2.0, 1.0, 3.0, -3.0, -1.0))
@@ -149,7 +149,10 @@ def drive_slow(values: Mapping[str, Any], rng: np.random.Generator) -> Columns:
 
 
 def play(angle: Array, width: float) -> Array:
-    """Return the driven side of a gap of this width [rad]: it rests until the driving side has crossed the gap."""
+    """Return the angle [rad] of the driven side of a gap; it rests until the driving side has crossed the gap.
+
+    `angle` is the angle of the driving side, `width` that of the gap [rad].
+    """
     driven = np.empty_like(angle)
     at = angle[0]
     for i, a in enumerate(angle):
@@ -159,7 +162,7 @@ def play(angle: Array, width: float) -> Array:
 
 
 def backlash_run(values: Mapping[str, Any], rng: np.random.Generator, width: float = BACKLASH) -> Columns:
-    """Slow sweeps with encoders on motor and fin. The model's drive line is rigid: the gap is added afterwards."""
+    """Return a record of slow sweeps with encoders on motor and fin; the gap is added to the rigid model's angles."""
     signal, duration = _there_and_back(*_motor_end(values), 100 * _RPM)
     log = run(values, lambda t: signal(t % duration), 2.0 * duration, 1e-3, log_every=5, start=-END)
     direct = play(log.columns["fin_angle"], width) + radians(rng.normal(0.0, 0.02))
@@ -171,7 +174,7 @@ def backlash_run(values: Mapping[str, Any], rng: np.random.Generator, width: flo
 def data_sets(values: Mapping[str, Any], seed: int, *, speeds: Sequence[float] = SPEEDS_RPM,
               temperatures: Sequence[float] = TEMPERATURES, backlash: float = BACKLASH,
               kinds: Sequence[str] = ("friction", "drive", "inertia", "backlash")) -> Iterator[tuple[str, Columns]]:
-    """Yield name and columns of every record. The noise of a record does not depend on the other records."""
+    """Yield name and columns of each record; the noise of a record does not depend on the other records."""
     def rng(*key: int) -> np.random.Generator:
         return np.random.default_rng([seed, *key])
 
@@ -193,7 +196,7 @@ def data_sets(values: Mapping[str, Any], seed: int, *, speeds: Sequence[float] =
 
 
 def write_record(path: Path, columns: Columns) -> None:
-    """One CSV file."""
+    """Write a record as a CSV file."""
     table = np.column_stack([values for values, _ in columns.values()])
     with path.open("w", encoding="utf-8", newline="\n") as file:
         np.savetxt(file, table, fmt=[form for _, form in columns.values()], delimiter=",", header=",".join(columns),
@@ -220,9 +223,9 @@ TRUTHS = ("drive.current_gain", "drive.current_offset", "drive.transport_delay",
 def _provenance(parameters: ParameterSet, seed: int, paths: Sequence[Path]) -> str:
     default = load_parameters().values
     changed = {n: x for n, x in parameters.values.items() if x != default[n]}
-    given = " --parameters FILE" if changed else ""
-    lines = ["# How the records were made, and the values an identification ought to find, SI.",
-             f'command = "python examples/identification_bench/make.py --seed {seed}{given}"', f"seed = {seed}",
+    option = " --parameters FILE" if changed else ""
+    lines = ["# How the records were made, and the values that an identification should return, SI.",
+             f'command = "python examples/identification_bench/make.py --seed {seed}{option}"', f"seed = {seed}",
              f'emcas_version = "{__version__}"',
              f"current_noise_a = {rig.CURRENT_NOISE}", f"reference_noise_v = {rig.REFERENCE_NOISE}",
              f"adc_bits = {rig.ADC_BITS}", f"dac_bits = {rig.DAC_BITS}",

@@ -17,10 +17,10 @@ EPILOG = "Examples:\n\n  python examples/identification_bench/make.py --seed 7 -
 def make(
     directory: Annotated[Path, typer.Option("--directory", help="Folder to write the records into.", metavar="DIR")],
     seed: Annotated[int, typer.Option(help="Seed of the instruments' noise.", min=0)] = 1,
-    parameters: Annotated[Path | None, typer.Option("--parameters", "-p", help="Parameter file of the actuator; the "
-                                                    "shipped one if not given.", metavar="FILE.toml")] = None,
+    parameters: Annotated[Path | None, typer.Option("--parameters", "-p", help="Parameter file of the actuator. "
+                                                    "Default: the shipped one.", metavar="FILE.toml")] = None,
 ) -> None:
-    """Write sample records made by the model with the noise and resolution of instruments, and their provenance."""
+    """Write simulated records, with the noise and resolution of instruments, and their provenance."""
     from emcas_fmu.errors import EmcasError
     from emcas_fmu.parameters import load_parameters
     from examples.identification_bench.bench import write_bench

@@ -1,10 +1,10 @@
-"""A test rig: the kernel's core with the instruments of a bench.
+"""A test rig: the package's core with the instruments of a bench.
 
-The plant, the drive with its transport delay, the encoder and the sampled controllers are those of the kernel, event by
-event; only its `sample` function is wrapped, so that the reference passes a DAC of `DAC_BITS`. The actuator's position
-loop holds the speeds by following a ramp of the motor angle, as a user without a separate drive motor would do. The
-record then has the jitter that encoder counts and stiction cause in a real loop; a prescribed speed would be smoother
-than on any bench. Friction compensation is off: it would need the unknown friction.
+The plant, the drive with its transport delay, the encoder and the sampled controllers are those of the core, with all
+events. Only its `sample` function is wrapped: the reference passes a DAC with `DAC_BITS` bits. The actuator's position
+loop follows a ramp of the motor angle, as on a bench without a separate drive motor. The records therefore have the
+jitter that encoder counts and stiction cause in a real loop. Friction compensation is off, since the friction is not
+known.
 """
 
 from __future__ import annotations
@@ -22,30 +22,27 @@ from emcas_fmu.runtime import codegen
 from emcas_fmu.runtime.core import Core
 from emcas_fmu.studies.identification.records import Array
 
-DAC_BITS, DAC_RANGE = 16, 10.0  # of the analogue output, +-V
-ADC_BITS, CURRENT_RANGE, REFERENCE_RANGE = 14, 100.0, 10.0  # of the logger's inputs, +-A and +-V
-CURRENT_NOISE, REFERENCE_NOISE = 0.06, 5e-4  # A and V, rms of a sample
+DAC_BITS, DAC_RANGE = 16, 10.0  # bits and range [+-V] of the analogue output
+ADC_BITS, CURRENT_RANGE, REFERENCE_RANGE = 14, 100.0, 10.0  # bits and ranges [+-A, +-V] of the logger's inputs
+CURRENT_NOISE, REFERENCE_NOISE = 0.06, 5e-4  # rms noise of a sample [A, V]
 _RIG = {"controller.position.ki": 0.0, "controller.position.setpoint_weight": 1.0,
         "controller.position.velocity_feedforward": 0.0, "controller.velocity.ki": 0.0,
         "controller.load_observer": 0.0, "controller.speed_limit": 400.0, "compensation.gain": 0.0,
         "encoder.enabled": True, "encoder.on_fin": False}
-# The rig's loops, independent of the actuator's, tuned as on a bench, by observing oscillations. The velocity loop
-# crosses where the drive's delay and a sample cause a phase lag of `_LAG`, the position loop at a third of that.
+# The rig's loops have their own gains. The velocity loop crosses over where the drive's delay and a sample cause a
+# phase lag of `_LAG`, the position loop at a third of this frequency.
 _LAG = 0.56  # rad
-_FASTEST_LOOP = 120.0  # rad/s
-_SLEWS = 8.0  # duration of a sweep over the travel, in time constants of the position loop, for a steady part
-# Finer than the actuator's: a bench does not integrate, and with 0.5 ms the inertia is wrong by half a sigma.
+_FASTEST_LOOP = 120.0  # rad/s, largest crossover of the velocity loop
+_SLEWS = 8.0  # shortest sweep over the travel in time constants of the position loop, for a part at constant speed
+# Finer than the actuator's: with ticks of 0.5 ms the identified inertia has an error of half a sigma.
 _TICK, _CLAMPED_TICK = 1e-4, 5e-4  # s
-_CLAMP = 10.0  # N.m at the motor: a clamped rotor, above what any current of the drive makes
+_CLAMP = 10.0  # N.m, Coulomb friction that clamps the rotor: more than the drive's largest torque
 _NAMES = [v.name for v in nonlinear.ACTUATOR.outputs]
 
 
 @dataclass(frozen=True)
 class Log:
-    """True values at the logger's instants; `mean_current` is the average over one interval about each instant.
-
-    An averaging logger delays; a good one corrects its time stamps.
-    """
+    """True values at the logger's times [s], SI; `mean_current` is the average over one interval about each time."""
 
     time: Array
     reference: Array
@@ -54,19 +51,19 @@ class Log:
 
 
 def quantised(values: Any, bits: int, reach: float) -> Array:
-    """Return a converter's output: rounded to its steps, held at its ends."""
+    """Return a converter's output: values rounded to its steps and limited to its range +-`reach`."""
     step = 2.0 * reach / 2**bits
     converted: Array = np.clip(np.round(np.asarray(values) / step), -2 ** (bits - 1), 2 ** (bits - 1) - 1) * step
     return converted
 
 
 def position_bandwidth(values: Mapping[str, Any], sample_time: float = 1e-3) -> float:
-    """Gain of the rig's position loop [1/s]."""
+    """Return the gain of the rig's position loop [1/s]."""
     return min(_LAG / (float(values["drive.transport_delay"]) + sample_time), _FASTEST_LOOP) / 3.0
 
 
 def fastest_sweep(values: Mapping[str, Any], travel: float) -> float:
-    """Motor speed [rad/s] that a sweep over `travel` [rad] still reaches and holds."""
+    """Return the largest motor speed [rad/s] that a sweep over `travel` [rad] reaches and holds."""
     return travel * position_bandwidth(values) / _SLEWS
 
 
@@ -79,9 +76,9 @@ def _loops(values: Mapping[str, Any], sample_time: float) -> dict[str, float]:
 
 
 def centred(fine: Array, every: int) -> Array:
-    """Return means over `every` intervals, an even number or one, about each `every`-th value, by trapezia.
+    """Return the means about each `every`-th value over `every` intervals (1 or even), by the trapezoidal rule.
 
-    The values at the ends continue beyond.
+    Beyond its ends, `fine` continues with the values there.
     """
     half = every // 2
     weights = np.full(2 * half + 1, 1.0)
@@ -94,8 +91,8 @@ def run(values: Mapping[str, Any], signal: Callable[[float], float], duration: f
         clamped: bool = False) -> Log:
     """Simulate `duration` [s] and log every `log_every` steps of `interval` [s].
 
-    `signal` is the motor angle to follow [rad] over time, or with `open_loop` the analogue
-    reference [V]. `start` is the fin angle [rad]. `clamped` holds the rotor.
+    `signal` maps time [s] to the motor angle to follow [rad], or with `open_loop` to the analogue reference [V].
+    `start` is the initial fin angle [rad]. With `clamped` the rotor is clamped.
     """
     chosen = {**values, **_RIG, **_loops(values, sample_time), "controller.sample_time": sample_time,
               "fin.start_angle": start, "solver.max_tick": min(_CLAMPED_TICK if clamped else _TICK, sample_time)}
@@ -104,10 +101,10 @@ def run(values: Mapping[str, Any], signal: Callable[[float], float], duration: f
                    if name.startswith("friction.coulomb.")}
     schedule, locate, initial, sample, *rest = codegen.make()(chosen)
 
-    def through_dac(*given: Any) -> tuple[Any, ...]:
-        *states, asked, supply, enable = given
-        reference, *others = sample(*states, 0.0 if open_loop else asked, supply, enable)
-        return float(quantised(asked if open_loop else reference, DAC_BITS, DAC_RANGE)), *others
+    def through_dac(*arguments: Any) -> tuple[Any, ...]:
+        *states, command, supply, enable = arguments
+        reference, *others = sample(*states, 0.0 if open_loop else command, supply, enable)
+        return float(quantised(command if open_loop else reference, DAC_BITS, DAC_RANGE)), *others
 
     core = Core((schedule, locate, initial, through_dac, *rest), codegen.sizes(nonlinear.ACTUATOR))
     p = nonlinear.ACTUATOR.namespace(chosen)
@@ -122,19 +119,16 @@ def run(values: Mapping[str, Any], signal: Callable[[float], float], duration: f
     rows = [core.outputs(at_rest)]
     current = _NAMES.index("motor_current")
     currents = [rows[0][current]]
-    # A command acts from the sample at which it begins: half an interval guards against rounding.
-    inputs = at_rest
     for k in range(1, round(duration / (interval * log_every)) + 1):
         for j in range(log_every):
             begin = ((k - 1) * log_every + j) * interval
-            inputs = (command(begin + 1e-9), *at_rest[1:])
-            out = core.run(begin + interval, inputs)
+            # The command of the instant `begin`, despite rounding.
+            out = core.run(begin + interval, (command(begin + 1e-9), *at_rest[1:]))
             currents.append(out[current])
         rows.append(out)
     table = np.array(rows, dtype=float)
     columns = dict(zip(_NAMES, table.T, strict=True))
-    # The DAC's value from a sample that falls on a logging instant on is the one held from there, which the
-    # outputs at that instant, before the sample, do not show yet.
-    held = np.append(columns["drive_reference"][1:], columns["drive_reference"][-1])
+    # Outputs are those before the sample: the DAC's value from a logging instant on is in the next row.
+    reference = np.append(columns["drive_reference"][1:], columns["drive_reference"][-1])
     time: Array = np.arange(float(len(rows))) * (interval * log_every)
-    return Log(time, held, columns, centred(np.array(currents, dtype=float), log_every))
+    return Log(time, reference, columns, centred(np.array(currents, dtype=float), log_every))

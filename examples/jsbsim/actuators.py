@@ -1,7 +1,7 @@
-"""What moves the fins: the `Actuators` protocol, and one that speaks it, an ideal actuator.
+"""The `Actuators` protocol of the four fins, and an ideal actuator.
 
-second_order.py has the package's second-order model, fmu.py FMUs of four fins or of one, masters.py FMUs of one in a
-system of another master.
+Other implementations are second_order.py (the package's second-order model), fmu.py (FMUs of four fins or of one) and
+masters.py (FMUs of one fin in a system of another master).
 """
 
 from __future__ import annotations
@@ -19,71 +19,63 @@ LIMIT = radians(20.0)  # rad, of commands
 
 @dataclass(frozen=True)
 class Demand:
-    """Held during one communication step. Signs as in the FMU: moments positive along positive fin angle."""
+    """Inputs that are held during one communication step; moments are positive along a positive fin angle.
+
+    `commands` [rad] and `hinge_moments` [N.m] have shape (4,). The vehicle's motion in body axes has shape (3,): the
+    `acceleration` [m/s2] of the centre of gravity, `attitude` (roll, pitch, yaw) [rad], `body_rates` (p, q, r) [rad/s]
+    and `angular_acceleration` [rad/s2]. `axes` are the roll, pitch and yaw commands [rad], before the fins' limit, for
+    an FMU that mixes.
+    """
 
     commands: Array
-    """[rad], shape (4,)."""
     hinge_moments: Array
-    """[N.m], shape (4,)."""
     acceleration: Array
-    """Of the vehicle's centre of gravity, body axes [m/s2], shape (3,)."""
     attitude: Array
-    """Roll, pitch, yaw [rad], shape (3,)."""
     body_rates: Array = field(default_factory=lambda: np.zeros(3))
-    """p, q, r [rad/s], shape (3,)."""
     angular_acceleration: Array = field(default_factory=lambda: np.zeros(3))
-    """d/dt of the body rates [rad/s2], shape (3,)."""
     axes: Array | None = None
-    """Roll, pitch, yaw deflections that mix to the commands, before their limit [rad], shape (3,); for actuators that
-    mix by themselves."""
 
 
 @dataclass(frozen=True)
 class Response:
-    """At the end of the step; arrays have shape (4,)."""
+    """Outputs at the end of a step; arrays have shape (4,).
+
+    `angles` are in rad, `rates` in rad/s. `power` [W] of all four fins is that from the supply, or without a supply the
+    mechanical power against the hinge moments. `saturated` says whether a limit is active. `bus_voltage` [V] at the
+    drives, `bus_current` [A], `line_pressure` [Pa] at the valves and `line_flow` [m3/s] are nan without such a supply.
+    """
 
     angles: Array
-    """[rad]."""
     rates: Array
-    """[rad/s]."""
     power: float
-    """Of all four [W]: drawn from the supply where the model has one, otherwise mechanical, against the hinge
-    moments."""
     saturated: Array
-    """Whether any limit is active."""
     bus_voltage: float = nan
-    """At the drives [V]; not a number where the model is fed otherwise, as what follows."""
     bus_current: float = nan
-    """Of all four [A]."""
     line_pressure: float = nan
-    """At the valves [Pa]."""
     line_flow: float = nan
-    """Of all four [m3/s]."""
 
 
 class Actuators(Protocol):
-    """Four fins."""
+    """The actuators of four fins."""
 
     def step(self, time: float, step: float, demand: Demand) -> Response:
-        """Advance from `time` [s] by `step` [s] with the demand held."""
-        ...
+        """Return the response after a step from `time` [s] by `step` [s] with the demand held."""
 
     def close(self) -> None:
-        """Free what is held."""
-        ...
+        """Free all resources."""
 
 
 class Ideal:
-    """Each fin is at its command at once."""
+    """Four fins that are at their commands at once."""
 
     def __init__(self) -> None:
         self._angles = np.zeros(4)
 
     def step(self, time: float, step: float, demand: Demand) -> Response:
-        """The commands, and the rates it took to get there."""
+        """Return the commands as angles, and their mean rates in the step."""
         rates = (demand.commands - self._angles) / step
         self._angles = demand.commands
         return Response(demand.commands, rates, -float(rates @ demand.hinge_moments), np.zeros(4, dtype=bool))
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing."""

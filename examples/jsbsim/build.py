@@ -1,4 +1,4 @@
-"""FMUs built for a run without --fmu."""
+"""Building of FMUs for a run without --fmu."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from emcas_fmu.runtime.compiler import CompilerError, local_compilers, local_pla
 
 
 def build_unit(folder: Path, fins: int, model: str = NONLINEAR) -> Path:
-    """A native unit of 1 or 4 fins of a model with default parameters, for this platform, in `folder`.
+    """Build a native FMU of 1 or 4 fins in `folder` for this platform, with a model's default parameters.
 
-    By zig, or a system compiler where there is no zig. Raises EmcasError where there is no such model, and
-    CompilerError with the remedy where there is neither compiler.
+    Returns its path. The compiler is zig, or without zig a system compiler. Raises EmcasError for an unknown model, and
+    CompilerError, with the remedy, without a compiler.
     """
     parameters = load_parameters(model=model)
     local, cc = local_platform(), None
@@ -24,8 +24,8 @@ def build_unit(folder: Path, fins: int, model: str = NONLINEAR) -> Path:
         compiler = next(local_compilers(), None)
         cc = shlex.join(compiler.command) if compiler else None
     if local is None or (zig() is None and cc is None):
-        raise CompilerError("without --fmu one is built, which needs a C compiler: pip install "
-                            "'emcas-fmu[native]', or build a slower one without compiler, "
-                            "`python build_fmu.py --fins 4`, and give --fmu EMCAS4.fmu")
+        raise CompilerError("without --fmu an FMU is built, which needs a C compiler: pip install 'emcas-fmu[native]'; "
+                            "or build a slower FMU without a compiler, `python build_fmu.py --fins 4`, and pass "
+                            "--fmu EMCAS4.fmu")
     path = folder / f"{model_name(parameters.model, fins)}.fmu"
     return build(parameters, path, "native", [local.name], cc, fins=fins, layout="cross").path

@@ -1,4 +1,4 @@
-"""How the trajectory converges as the communication step is refined, against a flight with a much finer one."""
+"""Convergence of the trajectory with the communication step, against a flight with a much finer step."""
 
 from __future__ import annotations
 
@@ -13,25 +13,26 @@ from .flight import Manoeuvre, fly
 from .vehicle import FINS, Array
 
 STEPS = (4e-3, 2e-3, 1e-3, 0.5e-3, 0.25e-3)  # s
-REFERENCE = 0.0625e-3  # s: a quarter of the finest, so that a first-order error is short of 1/4 of the finest's
+REFERENCE = 0.0625e-3  # s, a quarter of the finest step: a first-order error of the finest is too small by a quarter
 _ATTITUDE = ("roll_rad", "pitch_rad", "yaw_rad")
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """Largest differences to the flight with REFERENCE at the autopilot's samples; shape (len(steps),)."""
+    """Largest differences from the flight with REFERENCE at the autopilot's samples, by `steps` [s].
+
+    `attitude` [deg] is that of roll, pitch and yaw, `fins` [deg] that of the four fin angles; arrays [steps].
+    """
 
     steps: Array
-    """[s]."""
     attitude: Array
-    """Of roll, pitch and yaw [deg]."""
     fins: Array
-    """Of the four fin angles [deg]."""
 
     def order(self, errors: Array) -> float | None:
-        """Exponent p of errors ~ steps^p - REFERENCE^p by least squares of logarithms; None where they do not fall.
+        """Return the exponent p of errors ~ steps^p - REFERENCE^p, by least squares of logarithms.
 
-        A plain line through log errors would be steeper than the order, for the reference has an error, too.
+        Returns None if errors do not decrease with the step. REFERENCE^p is the error of the reference itself: without
+        it the slope would be steeper than the order.
         """
         if np.any(np.diff(errors) >= 0.0):
             return None
@@ -42,9 +43,9 @@ class Convergence:
 
 def measure(make: Callable[[], Actuators], manoeuvre: Manoeuvre, steps: Sequence[float] = STEPS,
             progress: Callable[[float], None] | None = None) -> Convergence:
-    """Fly with each step [s] and with REFERENCE. `progress` is called with the share of work that is done."""
+    """Fly with each step [s] and with REFERENCE; `progress` is called with the share of the work that is done."""
     work = np.cumsum([1.0 / h for h in (*steps, REFERENCE)])
-    found = []
+    flights = []
     for k, step in enumerate((*steps, REFERENCE)):
         actuators = make()
         try:
@@ -52,9 +53,9 @@ def measure(make: Callable[[], Actuators], manoeuvre: Manoeuvre, steps: Sequence
         finally:
             actuators.close()
         rows = slice(round(PERIOD / step) - 1, None, round(PERIOD / step))
-        found.append([np.degrees([flight[name][rows] for name in names])
-                      for names in (_ATTITUDE, [f"fin{n}_rad" for n in FINS])])
+        flights.append([np.degrees([flight[name][rows] for name in names])
+                        for names in (_ATTITUDE, [f"fin{n}_rad" for n in FINS])])
         if progress:
             progress(float(work[k] / work[-1]))
-    attitude, fins = (np.array([np.max(np.abs(flown[n] - found[-1][n])) for flown in found[:-1]]) for n in (0, 1))
+    attitude, fins = (np.array([np.max(np.abs(flown[n] - flights[-1][n])) for flown in flights[:-1]]) for n in (0, 1))
     return Convergence(np.array(steps), attitude, fins)

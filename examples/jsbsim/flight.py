@@ -1,11 +1,11 @@
-"""One flight: rocket, autopilot and actuators stepped together.
+"""One flight: rocket, autopilot and actuators, stepped together.
 
-Coupling, in each communication step H from t to t + H:
-  1. at multiples of 4 ms the autopilot reads the state at t and sets commands, held until its next sample;
-  2. the actuators do a step H with the commands, and with hinge moments and the vehicle's motion of time t held;
-  3. JSBSim does a step H and evaluates its forces with the fin angles of t + H.
-Hinge moment and motion that the fins feel are thus up to H old: an error of first order in H, beside JSBSim's own
-of second order. convergence.py measures both.
+In each communication step H from t to t + H:
+  1. at multiples of 4 ms the autopilot reads the state at t and sets the commands until its next sample;
+  2. the actuators step by H with the commands, and with hinge moments and vehicle motion at t held;
+  3. JSBSim steps by H and evaluates its forces with the fin angles at t + H.
+Hinge moments and motion are up to H old at the fins, an error of first order in H; JSBSim's integration has an error of
+second order. convergence.py measures their sum.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Turn:
-    """From `start` [s] the wanted roll, pitch, yaw change by `change` [deg] over `duration` [s] (0: at once)."""
+    """A change of the wanted roll, pitch, yaw by `change` [deg], from `start` [s] over `duration` [s] (0: at once)."""
 
     start: float
     change: tuple[float, float, float]
@@ -36,7 +36,7 @@ class Turn:
 
 @dataclass(frozen=True)
 class Gust:
-    """Wind from `start` [s] for `duration` [s] up to `peak` [m/s] north, east, down, as 1 - cosine."""
+    """Wind in the shape of 1 - cosine, from `start` [s] for `duration` [s], up to `peak` [m/s] north, east, down."""
 
     start: float
     duration: float
@@ -45,7 +45,7 @@ class Gust:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """What is flown."""
+    """A flight's launch, `duration` [s], wanted turns, gusts and autopilot gains."""
 
     name: str
     title: str
@@ -63,7 +63,7 @@ class Manoeuvre:
                        launch=replace(self.launch, hinge=hinge))
 
     def wanted(self, time: float, begin: Array) -> Array:
-        """Roll, pitch, yaw [rad] wanted at a time [s], shape (3,)."""
+        """Return the wanted roll, pitch, yaw [rad] at a time [s], for `begin` at launch; shape (3,)."""
         wanted: Array = begin.copy()
         for turn in self.turns:
             if time >= turn.start - 1e-9:
@@ -72,7 +72,7 @@ class Manoeuvre:
         return wanted
 
     def wind(self, time: float) -> Array:
-        """North, east, down [m/s], shape (3,)."""
+        """Return the wind [m/s] north, east, down at a time [s]; shape (3,)."""
         wind = np.zeros(3)
         for gust in self.gusts:
             share = (time - gust.start) / gust.duration
@@ -90,7 +90,7 @@ AGGRESSIVE = Manoeuvre(
     (Turn(0.5, (0, 15, 0)), Turn(1.5, (60, 0, 12)), Turn(3.0, (-60, -20, -20)), Turn(5.0, (0, 5, 8))),
     (Gust(4.2, 0.3, (30.0, 0.0, 0.0)),))
 TIGHT = replace(AGGRESSIVE, name="tight",
-                title="Aggressive, with an autopilot of higher gains, good if the fins stood at their commands",
+                title="Aggressive, with higher autopilot gains, which are stable with ideal fins",
                 gains=Gains((180.0, 350.0, 350.0), (21.0, 28.0, 28.0), (50.0, 2000.0, 2000.0)))
 MANOEUVRES = {m.name: m for m in (GENTLE, AGGRESSIVE, TIGHT)}
 
@@ -104,16 +104,16 @@ NAMES = (*(f"{n}_rad" for n in ("roll", "pitch", "yaw")), *(f"wanted_{n}_rad" fo
 
 def fly(actuators: Actuators, manoeuvre: Manoeuvre, step: float,
         progress: Progress | None = None) -> Mapping[str, Array]:
-    """Columns `time` [s] and NAMES, one row for each communication point after the first; shape (duration / step,).
+    """Return the columns `time` [s] and NAMES of a flight, with a row for each communication point after the first.
 
-    Those of bus and pressure line are left out where the actuators have none.
-    Raises EmcasError where the step [s] does not divide the autopilot's period.
+    Columns of bus and pressure line are left out if the actuators have none. Raises EmcasError if the step [s] does not
+    divide the autopilot's period.
     """
     ratio = PERIOD / step if step > 0.0 else 0.0
     every = round(ratio)
     if every < 1 or abs(ratio - every) > 1e-9 * every:
         raise EmcasError(f"a communication step of {step * 1e3:g} ms does not divide the autopilot's "
-                         f"{PERIOD * 1e3:g} ms; take 4, 2, 1, 0.5 ms ...")
+                         f"{PERIOD * 1e3:g} ms; choose 4, 2, 1, 0.5 ms ...")
     rocket, autopilot = Rocket(step, manoeuvre.launch), Autopilot(manoeuvre.gains)
     state = rocket.state()
     begin = state.attitude

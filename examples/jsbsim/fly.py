@@ -21,7 +21,7 @@ EPILOG = ("Examples:\n\n  python examples/jsbsim/fly.py --output flight"
 
 
 class Actuator(str, Enum):
-    """What moves the fins."""
+    """The actuators that move the fins."""
 
     IDEAL = "ideal"
     UNDELAYED = "second-order-undelayed"
@@ -61,22 +61,23 @@ def fly(
                                              "which is then used four times.", metavar="FILE.fmu")] = None,
     model: Annotated[list[str] | None, typer.Option(
         "--model", "--models", help="Build actuators of this model with default parameters and fly them; repeatable. "
-        "all compares every model. Default without --fmu: nonlinear.",
+        "all: every actuator with a supply. Default without --fmu: nonlinear.",
         metavar="NAME|all")] = None,
     actuator: Annotated[Actuator, typer.Option(
-        help="What moves the fins: ideal, second-order (a fit to the FMU), second-order-undelayed (without its delay), "
-             "fmu, stiff (the FMU on a stiff bus) or all.", metavar="NAME")] = Actuator.ALL,
+        help="Actuators of the fins: ideal, second-order (a fit to the FMU), second-order-undelayed (without its "
+             "delay), fmu, stiff (the FMU on a stiff bus) or all.", metavar="NAME")] = Actuator.ALL,
     manoeuvre: Annotated[Flown, typer.Option(help="gentle, aggressive, tight (aggressive with higher gains) or all.",
                                              metavar="NAME")] = Flown.ALL,
     bus_resistance: Annotated[float | None, typer.Option(
-        help="Resistance of the bus's source in Ohm, 0 to 1. Default for an FMU of four: 0.02.", metavar="OHM")] = None,
+        help="Resistance of the bus's source in Ohm, 0 to 1. Default for an FMU of four on a bus: 0.02.",
+        metavar="OHM")] = None,
     bus_voltage: Annotated[float | None, typer.Option(
         help="Voltage of the bus's source. Default: the start value of the FMU or archive.", metavar="V")] = None,
     mixing: Annotated[bool, typer.Option("--mixing", help="Let an FMU of four mix roll, pitch and yaw.")] = False,
     host: Annotated[Host | None, typer.Option(
         help="Also fly the four single FMUs of an SSP in this master: fmpy, libcosim, ecos or all.",
         metavar="NAME")] = None,
-    ssp: Annotated[Path | None, typer.Option(help="Archive for --host. Default: one built of the model.",
+    ssp: Annotated[Path | None, typer.Option(help="Archive for --host. Default: one of four single FMUs of the model.",
                                              metavar="FILE.ssp")] = None,
     variant: Annotated[str, typer.Option(help="Variant of --ssp.", metavar="NAME")] = "nominal",
     step: Annotated[float, typer.Option(help="Communication step in ms; 4 ms must be a multiple.", min=0.01,
@@ -88,11 +89,11 @@ def fly(
     guid: Annotated[str | None, typer.Option(help="Refuse an FMU of another GUID.", metavar="GUID")] = None,
     convergence: Annotated[bool, typer.Option(help="Measure convergence with the communication step (half a "
                                                    "minute).")] = True,
-    hinge: Annotated[float, typer.Option(help="Place of the fins' hinges in % of the chord. The centre of pressure is "
-                                         "at 47 to 49 %: the nearer, the smaller the hinge moments.", min=25.0,
+    hinge: Annotated[float, typer.Option(help="Position of the fins' hinges in % of the chord. The centre of pressure "
+                                         "is at 46 to 48 %: hinges near it have small hinge moments.", min=25.0,
                                          max=47.0, metavar="PERCENT")] = 41.0,
 ) -> None:
-    """Fly a finned rocket in JSBSim with its fins moved by actuators of any model, an ideal or a second-order one.
+    """Fly a finned rocket in JSBSim with ideal actuators, second-order actuators and FMUs of any model.
 
     Writes report.html, figures.json and the trajectories. Exit codes: 0 done, 2 an error.
     """
@@ -142,17 +143,17 @@ def _print(results: Any) -> None:
                         ([actuator, *(f"{figures[k]:.3g}" if k in figures else None for k in shown)]
                          for actuator, figures in flown.items()), manoeuvre,
                         whole=(0,), plain=True))
-    for manoeuvre, found in agreements(results).items():
-        first = next(iter(found))
-        for master, a in found.items():
+    for manoeuvre, by_master in agreements(results).items():
+        first = next(iter(by_master))
+        for master, a in by_master.items():
             out.print(f"{manoeuvre}: {results.labels.get(master, 'SSP in ' + master)}"
-                      + (f": to {first} fins {a.fins:.2g} rad, attitude {a.attitude:.2g} rad"
+                      + (f": from {first} fins {a.fins:.2g} rad, attitude {a.attitude:.2g} rad"
                          + (", all bits the same" if a.identical else "") if master != first else ""),
                       highlight=False, soft_wrap=True)
 
 
 def main() -> None:
-    """The program."""
+    """Run the program."""
     app = typer.Typer(add_completion=False, rich_markup_mode="rich", pretty_exceptions_enable=False)
     app.command(epilog=EPILOG)(fly)
     app()

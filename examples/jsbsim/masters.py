@@ -1,4 +1,4 @@
-"""The fins moved by a single FMU four times as an SSP archive has it, under fmpy, libcosim or Ecos."""
+"""Actuators of the fins from an SSP archive of four single FMUs, run by fmpy, libcosim or Ecos."""
 
 from __future__ import annotations
 
@@ -32,20 +32,21 @@ from .fmu import (
 from .vehicle import AZIMUTHS, FINS, STATION, Array
 
 MASTERS = {"fmpy": "fmpy", "libcosim": "libcosimpy", "ecos": "ecospy"}
-"""Names here, and those of the Python packages."""
+"""Python packages of the masters, by the masters' names."""
 VARIANT = "rocket"
-_INPUTS = (*((origin, f"fin{k}.{name}", unit, place + k - 1)
-             for k in FINS for origin, name, unit, place in OWN_INPUTS),
-           *((origin, f"fin{k}.{name}", unit, place)
-             for k in FINS for origin, name, unit, place in SHARED_INPUTS))
+_INPUTS = (*((origin, f"fin{k}.{name}", unit, index + k - 1)
+             for k in FINS for origin, name, unit, index in OWN_INPUTS),
+           *((origin, f"fin{k}.{name}", unit, index)
+             for k in FINS for origin, name, unit, index in SHARED_INPUTS))
 _OUTPUTS = tuple((f"fin{k}.{name}", unit) for k in FINS for name, unit in OUTPUTS)
 _FLAGS = tuple(f"fin{k}.{FLAG}" for k in FINS)
 
 
 def write_archive(path: Path, fmu: Path) -> Path:
-    """EMCAS.ssp of four times the single actuator `fmu`, with a variant whose parts weigh in their place.
+    """Write an archive of four times the single actuator `fmu`, with a VARIANT for the rocket, and return its path.
 
-    Raises EmcasError.
+    In the variant the actuators' parts have weight, and the hinges their position. Raises EmcasError if the FMU cannot
+    be used.
     """
     changes = path.with_suffix(".toml")
     changes.write_text(f"[every_fin.loads]\ngravity = true\n[every_fin.mounting]\nstation = '{STATION} m'\n",
@@ -58,10 +59,10 @@ class InMaster:
 
     def __init__(self, ssp: Path, master: str, step: float, variant: str = NOMINAL,
                  bus_voltage: float | None = None) -> None:
-        """Start `variant` with a step [s] on a bus of `bus_voltage` [V], or on the supply that the variant starts with.
+        """Start `variant` with a `step` [s], and with `bus_voltage` [V] or the variant's start value of the supply.
 
-        Raises EmcasError where the master is unknown, absent or refuses, and naming the connection where the archive's
-        fins have no connector for it, or one in another unit.
+        Raises EmcasError if the master is unknown, not installed or refuses; and, with the connection's name, if the
+        archive's fins lack a connector or have one in another unit.
         """
         if master not in MASTERS:
             raise EmcasError(f"there is no master {master!r}; there is {', '.join(MASTERS)}")
@@ -73,13 +74,13 @@ class InMaster:
         self._ssp, self._system = ssp, hosts.open(ssp, MASTERS[master], variant, step)
 
     def step(self, time: float, step: float, demand: Demand) -> Response:
-        """One step of the master. Outputs are those of its end: nothing is needed before the first."""
+        """Return the outputs at the end of a step of the master. Raises EmcasError if `step` [s] has changed."""
         if abs(step - self._system.step_size) > 1e-12:
             raise EmcasError(f"{self._ssp}: was opened with steps of {self._system.step_size:g} s, not {step:g} s")
         flat = flattened(demand)
-        for _, name, _, place in _INPUTS:
-            self._system.set(name, float(flat[place]))
-        self._system.set(self._line, self._supply)  # a master may not pass the variant's on
+        for _, name, _, index in _INPUTS:
+            self._system.set(name, float(flat[index]))
+        self._system.set(self._line, self._supply)  # a master may ignore the variant's start value
         self._system.step()
         reals = np.array([self._system.get(name) for name, _ in _OUTPUTS]).reshape(len(FINS), -1)
         flags = np.array([self._system.get(name) for name in _FLAGS], dtype=bool)
@@ -97,41 +98,42 @@ def _line(structure: Structure) -> str:
 
 
 def _checked(ssp: Path, variant: str) -> Structure:
-    """The variant's structure, with all that is wired."""
+    """Return the variant's structure. Raises SspError if a connector is missing or has another unit."""
     structure = read_variant(ssp, variant)
     connectors = {f"{fin}.{name}": connector for (fin, name), connector in structure.connectors.items() if fin}
     supply = _line(structure)
-    wanted = [*((f"{origin} -> {name}", name, "input", unit) for origin, name, unit, _ in _INPUTS),
-              *((f"source -> fin{k}.{supply}", f"fin{k}.{supply}", "input", LINES[supply][0][1]) for k in FINS),
-              *((f"{name} -> rocket", name, "output", unit) for name, unit in _OUTPUTS),
-              *((f"{name} -> figures", name, "output", "") for name in _FLAGS)]
-    for what, name, kind, unit in wanted:
+    required = [*((f"{origin} -> {name}", name, "input", unit) for origin, name, unit, _ in _INPUTS),
+                *((f"source -> fin{k}.{supply}", f"fin{k}.{supply}", "input", LINES[supply][0][1]) for k in FINS),
+                *((f"{name} -> rocket", name, "output", unit) for name, unit in _OUTPUTS),
+                *((f"{name} -> figures", name, "output", "") for name in _FLAGS)]
+    for connection, name, kind, unit in required:
         connector = connectors.get(name)
         if connector is None or connector.kind != kind:
-            raise SspError(f"{ssp}: connection {what}: the system has no {kind} {name}; `emcas ssp` writes one that "
-                           "has")
-        if connector.unit not in ("", unit):  # without a unit it is the FMU's, which the check compares
-            raise SspError(f"{ssp}: connection {what}: {name} is in {connector.unit}, not {unit or 'no unit'}; "
+            raise SspError(f"{ssp}: connection {connection}: the system has no {kind} {name}; write an archive with "
+                           "`emcas ssp`")
+        if connector.unit not in ("", unit):  # a connector without a unit has the FMU's, which `check` compares
+            raise SspError(f"{ssp}: connection {connection}: {name} is in {connector.unit}, not {unit or 'no unit'}; "
                            "declare the unit of the FMU")
     return structure
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """Largest differences of a flight to that of another master."""
+    """Largest differences of fin angles [rad] and attitude [rad] between the flights in two masters.
+
+    `identical` says whether all columns are equal to the last bit.
+    """
 
     fins: float
-    """Of the fin angles [rad]."""
     attitude: float
-    """Of roll, pitch and yaw [rad]."""
     identical: bool
-    """Whether all columns are the same to the last bit."""
 
 
 def agreement(flight: Mapping[str, Array], other: Mapping[str, Array]) -> Agreement:
-    """Compare two flights of as many rows; columns of shape (rows,)."""
-    def apart(names: list[str]) -> float:
+    """Return the agreement of two flights with equal numbers of rows."""
+    def difference(names: list[str]) -> float:
         return float(max(np.abs(flight[n] - other[n]).max() for n in names))
 
-    return Agreement(apart([f"fin{k}_rad" for k in FINS]), apart([f"{n}_rad" for n in ("roll", "pitch", "yaw")]),
+    return Agreement(difference([f"fin{k}_rad" for k in FINS]),
+                     difference([f"{n}_rad" for n in ("roll", "pitch", "yaw")]),
                      all(np.array_equal(column, other[name]) for name, column in flight.items()))

@@ -1,4 +1,4 @@
-"""The page of a run: pictures and figures, with nothing outside it."""
+"""The page of a run, with pictures and figures in one file."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ ROWS = (("attitude_error_rms_deg", "attitude error, RMS", "°", 2),
         ("line_flow_largest_l_min", "largest flow of the pressure line", "l/min", 1),
         ("energy_drawn_j", "energy drawn", "J", 1), ("energy_returned_j", "energy returned", "J", 1),
         ("speed_end_m_s", "speed at the end", "m/s", 1))
-VALID = 25.0  # deg of incidence, of the aircraft file
+VALID = 25.0  # deg, largest incidence for which the aircraft file is valid
 _NO_STEPS = {"ideal": {"fin_rate_largest_deg_s", "power_largest_w", "energy_drawn_j", "energy_returned_j"}}
 
 
 def _pictures(drawings: Iterable[plots.Drawing]) -> list[plots.Picture]:
-    """Return pictures that stay as they are: a flight has too many points for curves that a script draws."""
+    """Return static pictures: a flight has too many points for curves that a script draws."""
     return [picture._replace(curves="") for picture in plots.pictures(drawings)]
 
 
 def write_report(results: Results, path: Path, command: str) -> None:
-    """Write the page; `command` is the one that made it."""
+    """Write the page of a run with this `command` to `path`."""
     converged = list(results.convergence.values())[:1]
     with made_by(shlex.split(command)):
         write_page(

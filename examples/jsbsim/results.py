@@ -24,8 +24,8 @@ IDEAL, SECOND_ORDER, UNDELAYED, FMU, STIFF = "ideal", "second-order", "second-or
 ACTUATORS = (IDEAL, UNDELAYED, SECOND_ORDER, FMU, STIFF)
 """The values of --actuator.
 
-`fmu` means every FMU; its flights have the name of its model, and an FMU of four on a bus has the bus's source
-resistance. `stiff` is the only FMU without that resistance.
+`fmu` is every FMU, whose flights have the name of its model; an FMU of four on a bus has the bus's source resistance.
+`stiff` is a single FMU without this resistance.
 """
 WITHOUT_ENCODER = "{}, encoder off"
 WITHOUT_SSP = "without SSP"
@@ -35,17 +35,17 @@ KEPT = 5.0  # deg, the largest attitude error there
 
 @dataclass(frozen=True)
 class Unit:
-    """An FMU that is flown."""
+    """An FMU that is flown: its file name and GUID, and its supply.
+
+    `supply` is the supply's input, `level` its start value [V] or [Pa]; both are None without a supply.
+    `bus_resistance` [Ohm] is that of the bus's source, 0 for a stiff bus.
+    """
 
     file: str
-    """Its name."""
     guid: str
     supply: str | None
-    """The supply's input; None if it has none."""
     level: float | None
-    """Start value of the supply [V] or [Pa]."""
     bus_resistance: float
-    """Resistance of the bus's source [Ohm]; 0: stiff."""
 
     @property
     def label(self) -> str:
@@ -55,18 +55,19 @@ class Unit:
 
 @dataclass(frozen=True)
 class Results:
-    """The results of a run; flights by manoeuvre, then actuator."""
+    """The results of a run with a communication `step` [s].
+
+    `flights` are by manoeuvre, then actuator; `masters` are flights by manoeuvre, then master, of which the first is
+    the reference. `convergence` is by actuator; `units` are the FMUs by model.
+    """
 
     step: float
-    """Communication step [s]."""
     flights: Mapping[str, Mapping[str, Flight]]
     manoeuvres: Mapping[str, Manoeuvre]
     second_order: Fit | None = None
     convergence: Mapping[str, Convergence] = field(default_factory=dict)
     units: Mapping[str, Unit] = field(default_factory=dict)
-    """FMUs by model."""
     masters: Mapping[str, Mapping[str, Flight]] = field(default_factory=dict)
-    """Flights by manoeuvre, then master; the others are compared with the first."""
 
     @property
     def labels(self) -> dict[str, str]:
@@ -93,34 +94,34 @@ def fins(flight: Flight, quantity: str) -> Array:
 
 
 def angles(flight: Flight, prefix: str = "") -> Array:
-    """Return roll, pitch and yaw [rad], [3, rows]; those commanded with the `prefix` "wanted_"."""
+    """Return roll, pitch and yaw [rad] [3, rows]; with the `prefix` "wanted_" the commanded ones."""
     return np.array([flight[f"{prefix}{axis}_rad"] for axis in AXES])
 
 
 def turn_between(first: Array, second: Array) -> Array:
-    """Return the angle [deg] of the rotation between two attitudes [rad], [3, rows]; shape [rows]."""
+    """Return the angle [deg] of the rotation between two attitudes [rad] [3, rows]: an array [rows]."""
     return np.degrees([np.arcsin(min(1.0, float(np.linalg.norm(attitude_error(a, b)))))
                        for a, b in zip(first.T, second.T, strict=True)])
 
 
 def figures(flight: Flight, step: float, others: Mapping[str, Flight]) -> dict[str, float]:
-    """Return the figures of a flight of step `step` [s]; names end in their unit.
+    """Return the figures of a flight with communication steps of `step` [s]; their names end in units.
 
-    `others` are flights to compare with, by actuator.
+    `others` are the flights to compare with, by actuator.
     """
     power = flight["power_w"]
-    missed = turn_between(angles(flight), angles(flight, "wanted_"))
-    behind = np.degrees(fins(flight, "command{}_rad") - fins(flight, "fin{}_rad"))
-    found = {
-        "attitude_error_rms_deg": float(np.sqrt(np.mean(missed**2))),
-        "attitude_error_end_deg": float(missed[-1]),
-        "attitude_error_last_half_second_deg": float(missed[flight["time"] > flight["time"][-1] - END].max()),
+    errors = turn_between(angles(flight), angles(flight, "wanted_"))
+    fin_errors = np.degrees(fins(flight, "command{}_rad") - fins(flight, "fin{}_rad"))
+    result = {
+        "attitude_error_rms_deg": float(np.sqrt(np.mean(errors**2))),
+        "attitude_error_end_deg": float(errors[-1]),
+        "attitude_error_last_half_second_deg": float(errors[flight["time"] > flight["time"][-1] - END].max()),
         "incidence_largest_deg": float(np.degrees(flight["incidence_rad"].max())),
         "lateral_acceleration_largest_m_s2": float(np.hypot(flight["acceleration_y_m_s2"],
                                                             flight["acceleration_z_m_s2"]).max()),
         "fin_angle_largest_deg": float(np.degrees(np.abs(fins(flight, "fin{}_rad")).max())),
-        "fin_error_rms_deg": float(np.sqrt(np.mean(behind**2))),
-        "fin_error_largest_deg": float(np.abs(behind).max()),
+        "fin_error_rms_deg": float(np.sqrt(np.mean(fin_errors**2))),
+        "fin_error_largest_deg": float(np.abs(fin_errors).max()),
         "fin_rate_largest_deg_s": float(np.degrees(np.abs(fins(flight, "fin_rate{}_rad_s")).max())),
         "hinge_moment_largest_n_m": float(np.abs(fins(flight, "hinge{}_n_m")).max()),
         "saturated_percent": float(100.0 * fins(flight, "saturated{}").mean()),
@@ -130,19 +131,22 @@ def figures(flight: Flight, step: float, others: Mapping[str, Flight]) -> dict[s
         "speed_end_m_s": float(flight["speed_m_s"][-1]),
     }
     if "bus_voltage_v" in flight:
-        found["bus_voltage_lowest_v"] = float(flight["bus_voltage_v"].min())
-        found["bus_current_largest_a"] = float(flight["bus_current_a"].max())
+        result["bus_voltage_lowest_v"] = float(flight["bus_voltage_v"].min())
+        result["bus_current_largest_a"] = float(flight["bus_current_a"].max())
     if "line_flow_m3_s" in flight:
-        found["line_pressure_lowest_mpa"] = 1e-6 * float(flight["line_pressure_pa"].min())
-        found["line_flow_largest_l_min"] = 6e4 * float(flight["line_flow_m3_s"].max())
+        result["line_pressure_lowest_mpa"] = 1e-6 * float(flight["line_pressure_pa"].min())
+        result["line_flow_largest_l_min"] = 6e4 * float(flight["line_flow_m3_s"].max())
     for name, other in others.items():
-        apart = turn_between(angles(flight), angles(other))
-        found[f"attitude_difference_to_{name.replace('-', '_')}_deg"] = float(apart.max())
-    return found
+        difference = turn_between(angles(flight), angles(other))
+        result[f"attitude_difference_to_{name.replace('-', '_')}_deg"] = float(difference.max())
+    return result
 
 
 def all_figures(results: Results) -> dict[str, dict[str, dict[str, float]]]:
-    """Return the figures by manoeuvre and actuator; an FMU is also compared with second-order and stiff bus."""
+    """Return the figures by manoeuvre and actuator.
+
+    Each flight is compared with ideal fins, that of an FMU also with the second-order actuator and the stiff bus.
+    """
     def others(actuator: str) -> tuple[str, ...]:
         return (IDEAL, SECOND_ORDER, STIFF) if actuator in (*results.units, STIFF) else (IDEAL,)
 
@@ -166,8 +170,8 @@ def write_json(results: Results, path: Path, command: str) -> None:
                         "bus_resistance_ohm": unit.bus_resistance} for name, unit in results.units.items()},
         "flights": all_figures(results),
         "masters": {name: {master: {"fin_difference_rad": a.fins, "attitude_difference_rad": a.attitude,
-                                    "identical": a.identical} for master, a in found.items()}
-                    for name, found in agreements(results).items()},
+                                    "identical": a.identical} for master, a in by_master.items()}
+                    for name, by_master in agreements(results).items()},
         "second_order": None if fit is None else fit.figures(),
         "convergence": {name: {"step_s": c.steps.tolist(), "attitude_error_deg": c.attitude.tolist(),
                                "fin_error_deg": c.fins.tolist(), "attitude_order": c.order(c.attitude),
@@ -176,9 +180,9 @@ def write_json(results: Results, path: Path, command: str) -> None:
 
 
 def write_flights(results: Results, folder: Path, kind: str) -> Sequence[Path]:
-    """Write each flight as MANOEUVRE_ACTUATOR.csv or .npz and return the paths; column names end in their unit.
+    """Write each flight as MANOEUVRE_ACTUATOR.csv or .npz, and return the paths.
 
-    The name of a flight in a master is MANOEUVRE_ssp-MASTER.
+    `kind` is csv or npz; the names of columns end in units. A flight in a master is MANOEUVRE_ssp-MASTER.
     """
     written = []
     for manoeuvre, actuated in results.flights.items():

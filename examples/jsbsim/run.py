@@ -1,4 +1,4 @@
-"""What a run flies: the manoeuvres with each actuator, in each master, and the convergence."""
+"""A run: flights of the manoeuvres with each actuator and in each master, and the convergence."""
 
 from __future__ import annotations
 
@@ -23,50 +23,51 @@ from .second_order import SecondOrder, fit, undelayed
 from .vehicle import Launch
 
 Progress = Callable[[str, float], None]
-"""Called with what is done now, and its share from 0 to 1."""
-# Parameters that take the steps out of what is measured, of those that an actuator has.
+"""A function that is called with the name of the work and the share that is done, from 0 to 1."""
+# Parameters without which sensors are not quantised, if the actuator has them.
 _EXACT: Mapping[str, bool | float] = {"encoder.enabled": False, "transducer.resolution": 0.0}
 
 
 @dataclass(frozen=True)
 class Options:
-    """What is asked for; `bus_resistance` in Ohm, `bus_voltage` in V, `step` in s."""
+    """The options of a run, with the communication `step` in s.
+
+    `actuators` are among results.ACTUATORS, `masters` among masters.MASTERS. `models` are built and flown in addition
+    to `fmu`, by default the nonlinear one if there is no `fmu`. `bus_resistance` [Ohm] is by default BUS_RESISTANCE for
+    an FMU of four on a bus, `bus_voltage` [V] the start value of FMU or archive. `ssp` is by default an archive of the
+    single actuator; `variant` is one of `ssp`. `hinge` is the position of the fins' hinges as a share of the chord.
+    """
 
     manoeuvres: tuple[str, ...]
     actuators: tuple[str, ...]
-    """Of results.ACTUATORS."""
     step: float = 1e-3
     fmu: Path | None = None
     models: tuple[str, ...] = ()
-    """Models built and flown in addition to `fmu`; without both, the nonlinear one."""
     guid: str | None = None
     bus_resistance: float | None = None
-    """Default for an FMU of four on a bus: BUS_RESISTANCE."""
     bus_voltage: float | None = None
-    """Default: the start value of the FMUs or the archive."""
     mixing: bool = False
     masters: tuple[str, ...] = ()
-    """Of masters.MASTERS."""
     ssp: Path | None = None
-    """Default: an archive built of the single actuator."""
     variant: str = NOMINAL
-    """Of `ssp`."""
     convergence: bool = True
     hinge: float = Launch.hinge
-    """Place of the fins' hinges, share of the chord."""
 
 
 def every_model() -> tuple[str, ...]:
-    """The shipped actuators that are fed by something."""
+    """Return the names of the shipped actuators that have a supply."""
     return tuple(name for name in NAMES if get(name).supply is not None)
 
 
 def run(options: Options, folder: Path, progress: Progress) -> Results:
-    """Fly; missing FMUs and archive are built in `folder`. Raises EmcasError."""
+    """Fly and return the results; FMUs and archive that are not passed are built in `folder`.
+
+    Raises EmcasError for options that cannot be used.
+    """
     if options.ssp is not None and not options.masters:
-        raise EmcasError(f"--ssp {options.ssp}: is flown in another master only: give --host, too")
+        raise EmcasError(f"--ssp {options.ssp}: is flown in another master only: pass --host, too")
     if options.variant != NOMINAL and options.ssp is None:
-        raise EmcasError(f"--variant {options.variant}: is a variant of an archive: give --ssp, too")
+        raise EmcasError(f"--variant {options.variant}: is a variant of an archive: pass --ssp, too")
     flier = _Flier(options, folder, progress)
     manoeuvres = {name: each.hinged(options.hinge) for name, each in MANOEUVRES.items()}
     flights = {name: {each: flier.fly(manoeuvres[name], each, flier.makers[each]) for each in flier.actuators}
@@ -78,7 +79,7 @@ def run(options: Options, folder: Path, progress: Progress) -> Results:
 
 
 class _Flier:
-    """The actuators of a run; whatever is wrong with them is said before long work."""
+    """The actuators of a run; wrong options are refused before the long work."""
 
     def __init__(self, options: Options, folder: Path, progress: Progress) -> None:
         self._options, self._progress, self._folder = options, progress, folder
@@ -89,15 +90,15 @@ class _Flier:
         models = options.models or (() if options.fmu else (NONLINEAR,))
         several = len(models) + (options.fmu is not None) > 1
         if several and options.masters:
-            raise EmcasError("--host: flies one actuator: give one --model or one --fmu")
+            raise EmcasError("--host: flies one actuator: pass one --model or one --fmu")
         if several and options.actuators == (STIFF,):
-            raise EmcasError(f"--actuator {STIFF}: is of one actuator: give one --model or one --fmu")
+            raise EmcasError(f"--actuator {STIFF}: flies one actuator: pass one --model or one --fmu")
         if options.actuators != (IDEAL,):
             if options.fmu:
                 self._add(options.fmu, several)
             for model in models:
                 if full_name(model) in self.units:
-                    raise EmcasError(f"--model {model}: is flown already; leave it or --fmu {options.fmu} away")
+                    raise EmcasError(f"--model {model}: is flown already; leave it or --fmu {options.fmu} out")
                 self._add(self._build(model), several)
         self.actuators = tuple(self._chosen())
         self._archive, self._variant = options.ssp, options.variant
@@ -111,12 +112,15 @@ class _Flier:
         return build_unit(self._folder, 4, model)
 
     def _add(self, path: Path, several: bool) -> None:
-        """What an FMU flies as: itself, on a stiff line and with exact sensors; of the nonlinear one the fits, too."""
+        """Add the actuators of an FMU: itself, on a stiff bus, with exact sensors, and fits to a nonlinear one.
+
+        The stiff bus is left out if `several` actuators are flown. Raises EmcasError if the FMU cannot be used.
+        """
         options = self._options
         trial = Fmu(path, None if several and path != options.fmu else options.guid)
         trial.close()
         self._whole = trial.whole
-        name = f"{SECOND_ORDER}-{FMU}" if trial.model == SECOND_ORDER else trial.model  # the other is fitted
+        name = f"{SECOND_ORDER}-{FMU}" if trial.model == SECOND_ORDER else trial.model  # SECOND_ORDER is the fitted one
         on_bus = trial.line == VOLTAGE or not several  # bus options apply to FMUs with a bus
         voltage = options.bus_voltage if on_bus else None
         option = options.bus_resistance if on_bus else None
@@ -132,9 +136,9 @@ class _Flier:
         self.units[name] = Unit(trial.file, trial.guid, trial.line, trial.supply if voltage is None else voltage,
                                 resistance)
         if name == NONLINEAR:
-            self.second_order = found = fit(path)
-            second, prompt = found.parameters, undelayed(found.parameters)
-            self.makers |= {SECOND_ORDER: lambda: SecondOrder(second), UNDELAYED: lambda: SecondOrder(prompt)}
+            self.second_order = fitted = fit(path)
+            delayed, prompt = fitted.parameters, undelayed(fitted.parameters)
+            self.makers |= {SECOND_ORDER: lambda: SecondOrder(delayed), UNDELAYED: lambda: SecondOrder(prompt)}
         self.makers[name] = flying(resistance)
         if exact:
             self.makers[WITHOUT_ENCODER.format(name)] = flying(resistance, {**WIRED, **exact})
@@ -142,25 +146,28 @@ class _Flier:
             self.makers[STIFF] = flying(0.0)
 
     def _chosen(self) -> list[str]:
-        """Names of those asked for, in their order; what there is not is left out, unless it is all that is asked."""
-        asked, chosen = self._options.actuators, list[str]()
-        for each in asked:
+        """Return the names of the requested actuators, without those that do not exist in this run.
+
+        Raises EmcasError if the only requested actuator does not exist.
+        """
+        requested, chosen = self._options.actuators, list[str]()
+        for each in requested:
             if each == FMU:
                 chosen += self.units
             elif each in self.makers:
                 chosen.append(each)
-            elif len(asked) == 1:
-                raise EmcasError(f"--actuator {each}: is fitted to the {NONLINEAR} model, which is not flown: give "
+            elif len(requested) == 1:
+                raise EmcasError(f"--actuator {each}: is fitted to the {NONLINEAR} model, which is not flown: pass "
                                  f"--model {NONLINEAR}")
-        if FMU in asked and not any(unit.bus_resistance for unit in self.units.values()):
-            chosen = [each for each in chosen if each != STIFF]  # it would be the same flight again
+        if FMU in requested and not any(unit.bus_resistance for unit in self.units.values()):
+            chosen = [each for each in chosen if each != STIFF]  # it would be the same flight
         return list(dict.fromkeys(chosen))
 
     def _write_archive(self, models: tuple[str, ...]) -> Path:
         fmu = self._options.fmu
         if fmu is not None and self._whole:
-            raise EmcasError(f"{fmu}: has four actuators, and an archive wires single ones: give --ssp FILE "
-                             "(see `emcas ssp`), or leave --fmu away")
+            raise EmcasError(f"{fmu}: has four actuators, and an archive needs single ones: pass --ssp FILE "
+                             "(see `emcas ssp`), or leave --fmu out")
         self._progress("archive", 0.0)
         return write_archive(self._folder / "EMCAS.ssp", fmu or build_unit(self._folder, 1, *models))
 
@@ -170,7 +177,7 @@ class _Flier:
         return lambda: InMaster(archive, master, step, variant, self._options.bus_voltage)
 
     def fly(self, manoeuvre: Manoeuvre, name: str, make: Callable[[], Actuators]) -> Flight:
-        """One flight."""
+        """Return a flight with the actuators that `make` returns; `name` is for the progress."""
         fins = make()
         try:
             return fly(fins, manoeuvre, self._options.step,
@@ -179,16 +186,16 @@ class _Flier:
             fins.close()
 
     def in_masters(self, manoeuvre: Manoeuvre, flown: Mapping[str, Flight]) -> Mapping[str, Flight]:
-        """The flight in each master and, where the archive was made for it, that of the unit on a stiff bus."""
-        found = {master: self.fly(manoeuvre, master, self._in(master)) for master in self._options.masters}
+        """Return the flight in each master, and for the default archive also that of the FMU on a stiff bus."""
+        flights = {master: self.fly(manoeuvre, master, self._in(master)) for master in self._options.masters}
         same = [STIFF, *(name for name, unit in self.units.items() if unit.bus_resistance == 0.0)]
         stiff = next((flown[name] for name in same if name in flown), None)
         if stiff is not None and self._options.ssp is None:
-            found[WITHOUT_SSP] = stiff
-        return found
+            flights[WITHOUT_SSP] = stiff
+        return flights
 
     def converge(self) -> Mapping[str, Convergence]:
-        """Of every actuator but variants, the stiff bus and the model without delay, and of FMUs with exact sensors."""
+        """Return the convergence with each actuator, with exact sensors too, except stiff bus and missing delay."""
         names = [a for a in self.actuators if a not in (STIFF, UNDELAYED)]
         names += [each for a in names if (each := WITHOUT_ENCODER.format(a)) in self.makers]
         manoeuvre = replace(AGGRESSIVE.hinged(self._options.hinge), duration=3.0)

@@ -1,4 +1,4 @@
-"""The package's second-order model as four fins, fitted by the package to an FMU's own parameters."""
+"""Actuators of the fins from the package's second-order model, fitted to an FMU's start values."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _KEYS = {v.name: v.key for v in get(NONLINEAR).inputs if v.key}
 
 
 def parameters_of(path: Path) -> ParameterSet:
-    """The nonlinear model's parameters that an FMU starts with; of a unit of four those of fin 1."""
+    """Return an FMU's start values as parameters of the nonlinear model; those of fin 1 for an FMU of four."""
     with opened(path) as unit:
         starts = {_KEYS.get(name, name): value for name, value in unit.starts.items()}
     return load_parameters().with_values(
@@ -30,24 +30,23 @@ def parameters_of(path: Path) -> ParameterSet:
 
 
 def fit(path: Path) -> Fit:
-    """The second-order model that comes nearest to an FMU's fin 1, by :func:`emcas_fmu.studies.fitting.fit`."""
+    """Return the second-order model that :func:`emcas_fmu.studies.fitting.fit` fits to fin 1 of an FMU."""
     return fitting.fit(parameters_of(path))
 
 
 def undelayed(parameters: ParameterSet) -> ParameterSet:
-    """The same second-order model without its delay."""
+    """Return the parameters of a second-order model without its delay."""
     return parameters.with_values({"drive.transport_delay": 0.0})
 
 
 class SecondOrder:
-    """No hinge moment, no friction, no bus: command, delay, second order, limits of rate and angle."""
+    """Four second-order fins with delay and limits of rate and angle, without hinge moment, friction or bus."""
 
     def __init__(self, parameters: ParameterSet) -> None:
-        """`parameters` are of the second-order model."""
         self._cores = [codegen.core(parameters.values, MODEL) for _ in FINS]
 
     def step(self, time: float, step: float, demand: Demand) -> Response:
-        """The power is mechanical, against the hinge moments, which do not move the fins."""
+        """Return the response; its power is that against the hinge moments, which do not act on the fins."""
         loads = zip(demand.commands.tolist(), demand.hinge_moments.tolist(), strict=True)
         rows = np.array([core.run(time + step, codegen.inputs_at_rest(command, moment, 0.0))
                          for core, (command, moment) in zip(self._cores, loads, strict=True)], dtype=float)
@@ -55,4 +54,4 @@ class SecondOrder:
         return Response(rows[:, _ANGLE], rates, -float(rates @ demand.hinge_moments), rows[:, _SATURATED] > 0.5)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing."""

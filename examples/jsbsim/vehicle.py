@@ -1,6 +1,6 @@
-"""The rocket in JSBSim: fin angles in, motion and hinge moments out, in SI units.
+"""The rocket in JSBSim: its inputs are fin angles, its outputs motion and hinge moments, in SI units.
 
-JSBSim calculates in feet, pounds and slugs; the conversions are here and nowhere else.
+JSBSim calculates in feet, pounds and slugs; only this module converts them.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from emcas_fmu.errors import EmcasError
 Array = NDArray[Any]
 FINS = (1, 2, 3, 4)
 AZIMUTHS = np.radians([45.0, 135.0, 225.0, 315.0])
-"""Of the fins about body x [rad], shape (4,): from y (right) towards z (down), as in the aircraft file and the FMU's
+"""Azimuths of the fins about body x [rad], from y (right) towards z (down), as in the aircraft file and the FMU's
 `mounting.azimuth`; fin 1 is right and below."""
 
 STATION = -1.72
-"""Of the fins' hinges along body x, from the centre of gravity [m]."""
+"""Position of the fins' hinges along body x, from the centre of gravity [m]."""
 
 FOOT = 0.3048  # m, exact
 POUND_FORCE = 4.4482216152605  # N, exact
@@ -34,55 +34,54 @@ _INTEGRATORS = ("rate/rotational", "rate/translational", "position/rotational")
 
 @dataclass(frozen=True)
 class Launch:
-    """Where a flight begins, in still air and without incidence: at burnout."""
+    """The beginning of a flight, at burnout, in still air and without incidence.
+
+    `altitude` [m] is above sea level; `speed` is in m/s, `attitude` (roll, pitch, true heading) in rad, `body_rates` in
+    rad/s. `hinge` is the distance of the fins' hinges from their leading edges as a share of the mean chord; the centre
+    of pressure is at 0.477 at Mach 2.
+    """
 
     altitude: float = 3000.0
-    """[m] above sea level."""
     speed: float = 650.0
-    """[m/s]."""
     attitude: tuple[float, float, float] = (0.0, 0.5, 1.5)
-    """Roll, pitch and yaw (true heading) [rad]."""
     body_rates: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """[rad/s]."""
     hinge: float = 0.41
-    """Of the fins behind their leading edge, share of the mean chord. The centre of pressure is at 0.477 (Mach 2)."""
 
 
 @dataclass(frozen=True)
 class State:
-    """The vehicle at one time; vectors in body axes x forward, y right, z down, shape (3,)."""
+    """The vehicle at one time; vectors of shape (3,) are in body axes: x forward, y right, z down.
+
+    `attitude` (roll, pitch, yaw) is in rad, `body_rates` in rad/s, `angular_acceleration` in rad/s2. `acceleration`
+    [m/s2] is that of the centre of gravity, including gravity. `hinge_moments` [N.m], shape (4,), are positive along a
+    positive fin angle. `dynamic_pressure` is in Pa, `altitude` in m, `speed` through the air in m/s; `incidence` [rad]
+    is the angle between axis and flow.
+    """
 
     attitude: Array
-    """Roll, pitch, yaw [rad]."""
     body_rates: Array
-    """[rad/s]."""
     angular_acceleration: Array
-    """d/dt of the body rates [rad/s2]."""
     acceleration: Array
-    """Of the centre of gravity, gravity included [m/s2]."""
     hinge_moments: Array
-    """[N.m], positive along positive fin angle; shape (4,)."""
     dynamic_pressure: float
-    """[Pa]."""
     mach: float
     altitude: float
-    """[m]."""
     speed: float
-    """Through the air [m/s]."""
     incidence: float
-    """Angle between the axis and the flow [rad]."""
 
 
 class Rocket:
-    """The aircraft file in JSBSim, advanced by fixed steps of `step` [s]."""
+    """The aircraft file in JSBSim, with fixed steps of `step` [s], at first in the `launch` condition.
+
+    Raises EmcasError if JSBSim is not installed or refuses.
+    """
 
     def __init__(self, step: float, launch: Launch | None = None) -> None:
-        """Load and place at the launch condition. Raises EmcasError where JSBSim is missing or refuses."""
         self._fdm = fdm = _executive()
         if not fdm.load_model(_AIRCRAFT):
             raise EmcasError(f"JSBSim does not load aircraft/{_AIRCRAFT}/{_AIRCRAFT}.xml; its messages say why")
         fdm.set_dt(step)
-        # JSBSim turns with Euler's rule unless told otherwise: its error would hide that of the coupling.
+        # By default JSBSim integrates rotation by Euler's rule, whose error would hide that of the coupling.
         for name in _INTEGRATORS:
             fdm[f"simulation/integrator/{name}"] = _ADAMS_BASHFORTH_2
         chosen = launch or Launch()
@@ -97,13 +96,13 @@ class Rocket:
             raise EmcasError("JSBSim does not accept the launch condition")
 
     def __getitem__(self, name: str) -> float:
-        """A property of JSBSim, in JSBSim's unit."""
+        """Return a property of JSBSim, in JSBSim's unit."""
         return float(self._fdm[name])
 
     def advance(self, fins: Array, wind: Array) -> State:
-        """One step; its forces at the end are those of fin angles [rad], shape (4,), and wind north, east, down [m/s].
+        """Step with fin angles [rad], shape (4,), and wind north, east, down [m/s], shape (3,); return the new state.
 
-        JSBSim first moves the vehicle by the forces of the last step's end, then evaluates the new ones.
+        JSBSim first moves the vehicle by the forces at the last step's end, then evaluates the forces of these inputs.
         """
         fdm = self._fdm
         for k, angle in zip(FINS, fins.tolist(), strict=True):
@@ -114,18 +113,18 @@ class Rocket:
         return self.state()
 
     def state(self) -> State:
-        """The vehicle now."""
+        """Return the present state of the vehicle."""
         fdm = self._fdm
         roll, pitch, yaw = (fdm[f"attitude/{n}-rad"] for n in ("phi", "theta", "psi"))
         gravity = fdm["accelerations/gravity-ft_sec2"] * FOOT
-        felt = np.array([fdm[f"accelerations/a-pilot-{n}-ft_sec2"] for n in "xyz"]) * FOOT
+        specific_force = np.array([fdm[f"accelerations/a-pilot-{n}-ft_sec2"] for n in "xyz"]) * FOOT
         down = np.array([-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)])
         u, v, w = (fdm[f"velocities/{n}-aero-fps"] for n in "uvw")
         return State(
             attitude=np.array([roll, pitch, yaw]),
             body_rates=np.array([fdm[f"velocities/{n}-rad_sec"] for n in "pqr"]),
             angular_acceleration=np.array([fdm[f"accelerations/{n}dot-rad_sec2"] for n in "pqr"]),
-            acceleration=felt + gravity * down,
+            acceleration=specific_force + gravity * down,
             hinge_moments=np.array([fdm[f"aero/hinge{k}-lbsft"] for k in FINS]) * (POUND_FORCE * FOOT),
             dynamic_pressure=fdm["aero/qbar-psf"] * POUND_FORCE / FOOT**2, mach=fdm["velocities/mach"],
             altitude=fdm["position/h-sl-ft"] * FOOT, speed=fdm["velocities/vt-fps"] * FOOT,

@@ -32,7 +32,7 @@ def roll_command(time: float) -> float:
 
 
 def plot(rows: Array, path: Path) -> None:
-    """Write a picture of roll angle, fin angle and the actuator's torque."""
+    """Write a picture of roll angle, and of angle and actuator torque of fin 1; `rows` has COLUMNS [SI]."""
     time = rows[:, 0]
     with plots.style():
         figure, (roll, fin, torque) = plots.column("roll [deg]", "fin 1 [deg]", "torque [N·m]", x="time [s]")
@@ -45,10 +45,10 @@ def plot(rows: Array, path: Path) -> None:
 
 
 def run(
-    model: Annotated[str, typer.Option(help="Actuator, with extensions.", metavar="NAME")] = "nonlinear",
+    model: Annotated[str, typer.Option(help="Actuator with extensions.", metavar="NAME")] = "nonlinear",
     stop: Annotated[float, typer.Option(help="Duration [s].")] = 1.6,
     step: Annotated[float, typer.Option(help="Time step of MuJoCo, and communication step [s].")] = 1e-3,
-    inertia: Annotated[float, typer.Option(help="Inertia of the fins over that in the file.")] = 1.0,
+    inertia: Annotated[float, typer.Option(help="Ratio of the fins' inertia to that in the file.")] = 1.0,
     picture: Annotated[Path | None, typer.Option("--plot", help="Picture to write: .png, .svg or .pdf.")] = None,
 ) -> None:
     """Roll a tail with four fins in MuJoCo, each fin turned by an FMU with torque out."""

@@ -2,7 +2,7 @@
 
     python examples/sounding_rocket/fly.py --output roll.png
 
-The same flight with one actuator after another; rocket and autopilot are made up. Needs the extras `rocketpy` and
+The same flight is computed with each actuator; rocket and autopilot are invented. Needs the extras `rocketpy` and
 `native`.
 """
 
@@ -26,19 +26,19 @@ import emcas_fmu as em
 
 ACTUATORS = {"none: the angle is the command": (None, None), "second-order": ("second-order", None),
              "servo": ("servo", None), "servo, set xl330": ("servo", "xl330")}
-"""Actuators by title: model, and its set of parameters if any."""
-PERIOD = 5e-3  # s, of autopilot and exchange
+"""Actuators by title: model, and its parameter set if it is not the default."""
+PERIOD = 5e-3  # s, of the autopilot and the exchange of values
 FINS = 4
 RADIUS = 0.0635  # m, of the body
-BEHIND = 0.03  # m, from the hinge back to the centre of pressure
-MISALIGNED = math.radians(0.5)  # of every fin: without control the rocket spins
-TURN = (2.0, math.radians(90.0))  # s and rad: near the largest dynamic pressure the rocket has to roll
-GAIN, RATE_GAIN = 0.1, 0.006  # rad of fin for each rad of roll, and for each rad/s
-LIMIT = math.radians(6.0)  # of the command
+BEHIND = 0.03  # m, distance of the centre of pressure behind the hinge
+MISALIGNED = math.radians(0.5)  # misalignment of every fin: without control the rocket spins
+TURN = (2.0, math.radians(90.0))  # time [s] and roll angle [rad] of the command, near the largest dynamic pressure
+GAIN, RATE_GAIN = 0.1, 0.006  # fin command per roll angle [rad/rad] and per roll rate [s]
+LIMIT = math.radians(6.0)  # largest command
 
 
 class Roll(NamedTuple):
-    """What a flight records: time [s], roll angle [rad], command, angle and hinge moment of a fin [rad, N.m]."""
+    """The record of a flight: time [s], roll angle [rad]; command, angle [rad] and hinge moment [N.m] of fin 1."""
 
     time: Any
     roll: Any
@@ -48,12 +48,12 @@ class Roll(NamedTuple):
 
 
 class SteeredFin(TrapezoidalFin):  # type: ignore[misc]
-    """A fin that keeps the force [N] along its normal that RocketPy computed last."""
+    """A fin that stores its normal force [N], as RocketPy computed it last."""
 
     normal_force = 0.0
 
     def compute_forces_and_moments(self, *arguments: Any, **options: Any) -> Any:
-        """Return RocketPy's forces [N] and moments [N.m] in the body's frame."""
+        """Return RocketPy's forces [N] and moments [N.m] in the body's frame, and store the normal force."""
         forces = super().compute_forces_and_moments(*arguments, **options)
         self.normal_force = float((self._rotation_body_to_fin @ Vector(list(forces[:3]))).x)
         return forces
@@ -64,7 +64,7 @@ class SteeredFin(TrapezoidalFin):  # type: ignore[misc]
 
 
 class Unit:
-    """The FMU of four actuators, stepped by the autopilot's period."""
+    """The FMU of four actuators, which the autopilot steps."""
 
     def __init__(self, model: str, parameters: str | None, folder: Path) -> None:
         path = em.build(em.load_parameters(parameters, model=model), folder / "fins.fmu", backend="native",
@@ -81,7 +81,7 @@ class Unit:
         return [self._at[f"fin[{fin + 1}].{name}"] for fin in range(FINS)]
 
     def step(self, to: float, command: float, hinge_moments: list[float]) -> list[float]:
-        """Return the fins' angles [rad] at a time [s] for one command [rad] and their hinge moments [N.m]."""
+        """Return the fins' angles [rad] at the time `to` [s], for one command [rad] and their hinge moments [N.m]."""
         if to > self._now:
             self._slave.setReal(self._of_fins("fin_command"), [command] * FINS)
             self._slave.setReal(self._of_fins("aero_torque"), hinge_moments)
@@ -104,7 +104,7 @@ def rocket(fins: list[SteeredFin]) -> Rocket:
 
 
 def fly(model: str | None, parameters: str | None = None, duration: float = 4.0) -> Roll:
-    """Fly with four actuators of a model for a duration [s] from ignition, and return its roll."""
+    """Return a flight of `duration` [s] from ignition with four actuators of a model, or without actuators."""
     fins = [SteeredFin(angular_position=90.0 * k, root_chord=0.12, tip_chord=0.06, span=0.11, rocket_radius=RADIUS,
                        cant_angle=math.degrees(MISALIGNED)) for k in range(FINS)]
     rows: list[tuple[float, ...]] = []
@@ -113,7 +113,7 @@ def fly(model: str | None, parameters: str | None = None, duration: float = 4.0)
 
         def autopilot(time: float, _rate: float, state: list[float], *_: Any) -> None:
             roll_rate = state[-1]
-            roll = (rows[-1][1] if rows else 0.0) + PERIOD * roll_rate  # as a gyro integrates it
+            roll = (rows[-1][1] if rows else 0.0) + PERIOD * roll_rate  # integrated like a gyro's rate
             target = TURN[1] if time >= TURN[0] else 0.0
             # A positive angle of the fins rolls the rocket to negative angles in RocketPy's axes.
             command = max(-LIMIT, min(LIMIT, RATE_GAIN * roll_rate - GAIN * (target - roll)))
@@ -123,10 +123,10 @@ def fly(model: str | None, parameters: str | None = None, duration: float = 4.0)
                 fin.cant_angle_rad = angle + MISALIGNED
             rows.append((time, roll, command, angles[0], moments[0]))
 
-        made = rocket(fins)
-        # RocketPy's own way to its controllers is that of air brakes only.
-        made._add_controllers(_Controller(fins, lambda t, r, x, h, o, i: autopilot(t, r, x), 1.0 / PERIOD))
-        Flight(rocket=made, environment=Environment(), rail_length=5.0, inclination=85.0, heading=0.0,
+        steered = rocket(fins)
+        # RocketPy's public interface has controllers for air brakes only.
+        steered._add_controllers(_Controller(fins, lambda t, r, x, h, o, i: autopilot(t, r, x), 1.0 / PERIOD))
+        Flight(rocket=steered, environment=Environment(), rail_length=5.0, inclination=85.0, heading=0.0,
                max_time=duration, time_overshoot=False)
     return Roll(*np.array(rows).T)
 
@@ -138,7 +138,7 @@ def held(flight: Roll) -> float:
 
 
 def picture(flights: dict[str, Roll], path: Path) -> None:
-    """Draw roll angle, angle of a fin and its hinge moment of several flights."""
+    """Write a picture of roll angle, and of angle and hinge moment of fin 1, in several flights."""
     figure, axes = plt.subplots(3, 1, sharex=True, figsize=(7.0, 7.5), layout="constrained")
     for title, flight in flights.items():
         for axis, values in zip(axes, (np.degrees(flight.roll), np.degrees(flight.angle), flight.hinge_moment)):
@@ -154,7 +154,7 @@ def picture(flights: dict[str, Roll], path: Path) -> None:
 
 
 def main() -> None:
-    """Fly with every actuator, and write a picture and a line for each."""
+    """Fly with every actuator, print a line for each, and write a picture."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--output", type=Path, default=Path("roll.png"), help="picture to write (default: roll.png)")
     output = parser.parse_args().output

@@ -1,14 +1,14 @@
-"""An SSP in one of three hosts, under one interface, for use in a loop.
+"""One interface to three hosts that step an SSP archive in a loop.
 
     with hosts.open(Path("EMCAS.ssp"), "libcosimpy", variant="cold", step=1e-3) as system:
         system.set("fin1.fin_command", 0.1)
-        system.set("supply_voltage", 36.0)  # of every component that has such an input
+        system.set("supply_voltage", 36.0)  # at every component that has this input
         system.step()
         angle = system.get("fin1.fin_angle")
 
 Names are those of the components and their connectors; parameters are those of the variant. An input acts from the next
-step on, an output is that at the end of the last step: no host adds a delay there. A signal wired from one component to
-another arrives one step later, in all three. Connectors of the system itself are ignored.
+step on; an output is that at the end of the last step. In all three hosts a signal from one component to another
+arrives one step later. Connectors of the system itself are ignored.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ from emcas_fmu.ssp.archive import (
 from emcas_fmu.ssp.check import check
 from emcas_fmu.ssp.structure import Structure, nearest, read_variant
 
-# Python package of each host, with the module here and what installs it.
+# Python packages of the hosts, each with its module here and the command that installs it.
 HOSTS = {"fmpy": ("in_fmpy", "pip install fmpy"), "libcosimpy": ("in_libcosim", "pip install libcosimpy"),
          "ecospy": ("in_ecos", "pip install ecospy; on Debian also apt-get install libtbb12")}
 End = tuple[str, str]  # component and variable
 
 
 class System(ABC):
-    """A running system. `step_size` is in seconds, values in the connectors' units; use it as a context manager."""
+    """A running system, as a context manager; `step_size` is in s, values are in the connectors' units."""
 
     def __init__(self, structure: Structure, step: float) -> None:
         self.step_size, self.steps, self._closed = step, 0, False
@@ -56,7 +56,7 @@ class System(ABC):
         self._outputs: dict[str, End] = {}
         self._inner: list[tuple[End, End]] = []
         self._pending: dict[End, Value] = {}
-        self._withheld: dict[str, str] = {}  # outputs this host cannot read, and why
+        self._withheld: dict[str, str] = {}  # reason, by the name of an output that the host cannot read
         for start, end in structure.connections:
             if start[0] and end[0]:
                 self._inner.append((start, end))
@@ -85,9 +85,10 @@ class System(ABC):
         return self.steps * self.step_size
 
     def set(self, name: str, value: Value) -> None:
-        """Set an input, ``fin1.fin_command``, for the next step and those after it.
+        """Set an input, such as ``fin1.fin_command``, from the next step on.
 
-        Without a component, ``supply_voltage``, set the input of every component that has it. Raises SspError.
+        A name without a component, such as ``supply_voltage``, sets this input of every component that has it. Raises
+        SspError for an unknown input, and for a value that is not finite.
         """
         if name not in self._inputs:
             raise SspError(f"the system has no input {name!r}; {nearest(name, self._inputs, 'see inputs')}")
@@ -99,13 +100,13 @@ class System(ABC):
     def step(self) -> None:
         """Step once. Raises SspError if a component refuses."""
         if self._closed:
-            raise SspError("the system is closed; open it anew")
+            raise SspError("the system is closed; open it again")
         pending, self._pending = self._pending, {}
         self._advance(pending)
         self.steps += 1
 
     def get(self, name: str) -> Value:
-        """Return an output at the end of the last step. Raises SspError, also before the first step."""
+        """Return an output at the end of the last step. Raises SspError if it is unknown, or before the first step."""
         if name in self._withheld:
             raise SspError(f"{name}: {self._withheld[name]}")
         if name not in self._outputs:
@@ -186,10 +187,10 @@ def _runnable(contents: Mapping[str, bytes], structure: Structure) -> None:
 
 
 def _prepared(archive: Mapping[str, bytes], file: str, host: str) -> dict[str, bytes]:
-    """Return the archive with one variant as SystemStructure.ssd, the only structure that the three hosts open.
+    """Return the archive with one variant as SystemStructure.ssd, the only structure that all three hosts open.
 
-    For libcosim and Ecos it is without connections of the system's own connectors, which they refuse; for libcosim
-    without connectors of enumerations. Raises SspError for a connection between two of those.
+    For libcosim and Ecos, connections of the system's own connectors are removed, which they refuse; for libcosim also
+    connectors of enumerations. Raises SspError for libcosim if an enumeration is connected.
     """
     others = set(structure_files(archive)) - {file}
     contents = {name: data for name, data in archive.items() if name not in others}
@@ -205,7 +206,7 @@ def _prepared(archive: Mapping[str, bytes], file: str, host: str) -> dict[str, b
 
 
 def _without_enumerations(root: Any, file: str) -> None:
-    """Remove connectors of enumerations, over which libcosim ends the process."""
+    """Remove connectors of enumerations, at which libcosim ends the process. Raises SspError if one is connected."""
     gone = set()
     for enumeration in root.findall(".//ssd:Component/ssd:Connectors/ssd:Connector/ssc:Enumeration", NAMESPACES):
         connector = enumeration.getparent()

@@ -1,6 +1,6 @@
-"""Ecos as the host, through ecospy: its SSP reader and its fixed-step algorithm.
+"""Ecos as the host, through ecospy, with its SSP reader and its fixed-step algorithm.
 
-It applies the parameter sets of one name, passed at initialization, that are bound to components; without it, none.
+Ecos applies the components' parameter sets with the one name that is passed at initialization; without it, none.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ class Running(System):
     def __init__(self, structure: Structure, step: float, path: Path) -> None:
         super().__init__(structure, step)
         self._kinds = {end: connector.type for end, connector in structure.connectors.items()}
-        self._withheld = {name: "Ecos knows no enumerations; read another output, or use fmpy"
+        self._withheld = {name: "Ecos has no enumerations; read another output, or use fmpy"
                           for name, end in self._outputs.items() if self._kinds.get(end) == "Enumeration"}
         names = sorted({name for component, name in structure.sets if component})
         if len(names) > 1:
-            raise SspError(f"the components' parameter sets are named {', '.join(names)}, and Ecos applies those of "
-                           "one name only")
+            raise SspError(f"the components' parameter sets are named {', '.join(names)}; Ecos applies those of one "
+                           "name only: give them the same name, or use fmpy")
         unpacked = path.with_suffix("")  # Ecos would unpack the archive itself, and not remove the files
         with zipfile.ZipFile(path) as archive:
             archive.extractall(unpacked)

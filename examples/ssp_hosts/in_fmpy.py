@@ -1,4 +1,4 @@
-"""fmpy as the host: its reader and its FMUs, stepped in turn. (simulate_ssp itself runs from start to end.)"""
+"""fmpy as the host: its SSP reader and its FMUs, stepped in turn; fmpy's simulate_ssp cannot be used in a loop."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .hosts import End, System
 
 
 class Running(System):
-    """Outputs are passed on to the inputs wired to them, then every component steps."""
+    """In each step all outputs are written to the connected inputs, then every component steps."""
 
     def __init__(self, structure: Structure, step: float, path: Path) -> None:
         super().__init__(structure, step)
-        # fmpy applies no other parameters, and these by hierarchical names.
+        # fmpy applies only parameters that are passed by hierarchical names.
         parameters = [Parameter(name=f"{component}.{name}", value=value)
                       for (component, name), value in structure.values.items() if component]
         self._components = {}
@@ -38,7 +38,7 @@ class Running(System):
 
     def _advance(self, pending: dict[End, Value]) -> None:
         try:
-            # Not after the step: outputs that depend directly on an input would be those of the next step.
+            # Before the step: after it, outputs that depend directly on an input would be those of the next step.
             wired = {end: get_value(self._components[start], output) for (start, output), end in self._inner}
             for (name, variable), value in (pending | wired).items():
                 set_value(self._components[name], variable, value)
@@ -53,6 +53,6 @@ class Running(System):
 
     def _free(self) -> None:
         for component in self._components.values():
-            with suppress(Exception):  # an FMU that refused cannot be terminated, one not instantiated cannot be freed
+            with suppress(Exception):  # fails for an FMU that has refused or is not instantiated
                 free_fmu(component)
         shutil.rmtree(self._folder, ignore_errors=True)

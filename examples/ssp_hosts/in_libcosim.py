@@ -1,6 +1,6 @@
-"""libcosim as the host, through libcosimpy: its SSP reader and its fixed-step algorithm.
+"""libcosim as the host, through libcosimpy, with its SSP reader and its fixed-step algorithm.
 
-It applies the first parameter set bound to each component, and none bound to the system.
+libcosim applies the first parameter set of each component, and no parameter set of the system.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ _ACCESS: dict[CosimVariableType, tuple[str, type[Value]]] = {
 
 
 class Running(System):
-    """Inputs are overridden between steps; outputs are the last values of an observer."""
+    """An override manipulator sets inputs between steps; a last-value observer reads outputs."""
 
     def __init__(self, structure: Structure, step: float, path: Path) -> None:
         super().__init__(structure, step)
         nanoseconds = round(step * 1e9)
         if nanoseconds < 1:
-            raise SspError(f"step {step}: libcosim counts whole nanoseconds")
+            raise SspError(f"step {step} s: libcosim needs at least 1 ns")
         log_output_level(CosimLogLevel.ERROR)
         try:
             execution = CosimExecution.from_ssp_file(str(path), nanoseconds)
@@ -44,8 +44,7 @@ class Running(System):
         self._index = {slave.name.decode(): slave.index for slave in execution.slave_infos()}
         self._variables = {(name, v.name.decode()): (v.reference, CosimVariableType(v.type))
                            for name, index in self._index.items() for v in execution.slave_variables(index)}
-        # libcosim has no variables for an FMU's enumerations.
-        self._withheld = {name: "libcosim knows no enumerations; read another output, or use fmpy"
+        self._withheld = {name: "libcosim has no enumerations; read another output, or use fmpy"
                           for name, end in self._outputs.items() if end not in self._variables}
 
     def _advance(self, pending: dict[End, Value]) -> None:
@@ -57,7 +56,7 @@ class Running(System):
             word, convert = _ACCESS.get(kind, ("real", float))
             getattr(self._manipulator, f"slave_{word}_values")(self._index[name], list(values),
                                                                [convert(v) for v in values.values()])
-        self._execution.step()  # its result is meaningful from version 0.0.6 on
+        self._execution.step()  # before version 0.0.6 its result means nothing: the status is read instead
         if self._execution.status().state == CosimExecutionState.ERROR.value:
             raise SspError(f"libcosim: step from {self.time:.9g} s failed (its log says why)")
 

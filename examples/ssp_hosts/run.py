@@ -20,7 +20,7 @@ def run(
     ssp: Annotated[Path, typer.Argument(help="Archive to run.", metavar="FILE.ssp")],
     host: Annotated[str, typer.Option(help="fmpy, libcosimpy or ecospy.")] = "fmpy",
     variant: Annotated[str, typer.Option(help="Variant of the archive.")] = "nominal",
-    inputs: Annotated[list[str] | None, typer.Option("--set", help="Input of a fin, constant (may be repeated).",
+    inputs: Annotated[list[str] | None, typer.Option("--set", help="Constant value of an input. Repeatable.",
                                                      metavar="NAME=VALUE")] = None,
     duration: Annotated[float, typer.Option(help="Duration of the run [s].")] = 0.3,
     step: Annotated[float, typer.Option(help="Step of the host [s].")] = 1e-3,
@@ -32,12 +32,12 @@ def run(
 
     try:
         with hosts.open(ssp, host, variant, step) as system, output.open("w", encoding="utf-8", newline="") as file:
-            for given in inputs or []:
-                name, _, written = given.partition("=")
+            for setting in inputs or []:
+                name, _, text = setting.partition("=")
                 try:
-                    system.set(name, written == "true" if written in ("true", "false") else float(written))
+                    system.set(name, text == "true" if text in ("true", "false") else float(text))
                 except ValueError as error:
-                    raise EmcasError(f"--set {given}: expected NAME=VALUE, a number, true or false") from error
+                    raise EmcasError(f"--set {setting}: expected NAME=VALUE with a number, true or false") from error
             rows = csv.writer(file)
             rows.writerow(["time", *system.outputs])
             for _ in range(round(duration / step)):

@@ -1,4 +1,4 @@
-"""Calibration of the servo on records: a search that begins at the data sheet and is kept near it by priors."""
+"""Calibration of the servo on records: a search from the data sheet's values, with priors."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from emcas_fmu.api import EmcasError, ParameterSet
 from .evolution import minimised
 from .records import LATENCY, TILT_NAME, Array, Record, error, simulated
 
-# Of the data sheet: stall current 1.47 A at 5 V; 103 rev/min without load at 5 V, and 0.42 N.m of 1.11 A at 3.7 V, both
-# with friction, which makes the first of these constants too large and the second too small.
-_VOLTAGE = 7.3  # V, of the records
+# Data sheet: stall current 1.47 A at 5 V, no-load speed 103 rev/min at 5 V, torque 0.42 N.m at 1.11 A and 3.7 V.
+# Friction makes the constant from speed too large and the one from torque too small: their geometric mean is used.
+_VOLTAGE = 7.3  # V, in the records
 _RESISTANCE = 5.0 / 1.47  # Ohm
 _CONSTANT = sqrt(5.0 / (103.0 * pi / 30.0) * 0.42 / 1.11)  # V.s/rad or N.m/A, at the output
 
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of a parameter before: the typical value, and 1 sigma, of its logarithm if it is a `ratio`."""
+    """The prior of a parameter: a typical value and 1 sigma, which is that of the logarithm for a `ratio`."""
 
     typical: float
     sigma: float
     ratio: bool = True
 
     def at(self, deviation: Array) -> Array:
-        """Return the values that are so many sigmas off the typical one."""
+        """Return the values at a `deviation` from the typical value, in sigmas."""
         change = self.sigma * deviation
         values: Array = self.typical * np.exp(change) if self.ratio else self.typical + change
         return values
 
 
-# Motor by the data sheet; rotor by its size (3 g, radius 3.5 mm); gear of plastic and bench by wide estimates.
+# Motor from the data sheet, rotor from its size (3 g, radius 3.5 mm); plastic gear and bench are wide estimates.
 FREE: Mapping[str, Prior] = {
     "motor.stall_torque": Prior(_CONSTANT * _VOLTAGE / _RESISTANCE, 0.15),
     "motor.no_load_speed": Prior(_VOLTAGE / _CONSTANT, 0.15),
@@ -51,25 +51,25 @@ FREE: Mapping[str, Prior] = {
     "friction.stribeck_speed": Prior(0.3, 0.7),
     LATENCY: Prior(0.003, 0.001, ratio=False),
     TILT_NAME: Prior(0.0, 0.03, ratio=False)}
-# Of squared sigmas [mrad]: half the mean error of 17 mrad over the number of independent errors. These are some four
-# in each of twelve records, since errors last as long as the servo sticks (an estimate).
+# Cost [mrad] of a squared sigma: half the mean error of 17 mrad over the number of independent errors. This number is
+# about four for each of twelve records, since an error lasts as long as the servo sticks (an estimate).
 _WEIGHT = 0.2
-_SPREAD, _FARTHEST = 0.5, 3.0  # sigmas: of the first simulations, of any
+_SPREAD, _FARTHEST = 0.5, 3.0  # sigmas: standard deviation of the first samples, largest deviation
 GENERATIONS, _SAMPLES, _SEEDS = 80, 24, (1, 2)
-_COARSE = {"solver.max_tick": 1e-3}  # moves the mean error by 0.05 mrad
-_LOST = 1e3  # mrad, of a simulation that does not end
-# Of the sixteen runs, with the records that are published and not among the twelve in one group.
+_COARSE = {"solver.max_tick": 1e-3}  # changes the mean error by 0.05 mrad
+_LOST = 1e3  # mrad, error of a simulation that does not reach its end
+# Order of the trajectories in which the four published records that were never used are one group.
 _ORDER = ("sin_time_square", "up_and_down", "sin_sin", "lift_and_drop")
 Report = Callable[[int, float], None]
-"""Called with the number of the generation and its smallest cost [mrad]."""
+"""A function that is called with the number of the generation and its smallest cost [mrad]."""
 
 
 def calibrated(runs: Sequence[Record], base: ParameterSet, report: Report = lambda *_: None) -> dict[str, float]:
-    """Return the values of FREE, to three digits, with the least mean absolute error over records, and priors.
+    """Return the values [SI] of FREE, with three digits, that minimise the mean absolute error and the priors' cost.
 
-    They are the better end of two searches, which differ in their random numbers only.
-    Where the servo sticks the error jumps, and has no useful slopes: least squares from eight starts end at 19 to
-    25 mrad on all records, differential evolution with three times as many simulations at 17 to 19.
+    They are the better result of two searches with different random numbers. Where the servo sticks, the error jumps
+    and has no useful slopes: least squares from eight starts end at 19 to 25 mrad on all records, differential
+    evolution with three times as many simulations at 17 to 19.
     """
     coarse = base.with_values(_COARSE)
     with ThreadPoolExecutor(os.cpu_count()) as threads:
@@ -87,17 +87,17 @@ def calibrated(runs: Sequence[Record], base: ParameterSet, report: Report = lamb
 
 
 def values_of(deviations: Array) -> dict[str, Array]:
-    """Return the values of FREE that are [parameters, ...] sigmas off the typical ones."""
+    """Return the values [SI] of FREE at `deviations` [parameters, ...] from the typical values, in sigmas."""
     return {name: prior.at(column) for (name, prior), column in zip(FREE.items(), deviations, strict=True)}
 
 
 def typical() -> dict[str, float]:
-    """Return the typical values of FREE, where a calibration starts."""
+    """Return the typical values [SI] of FREE, at which a calibration starts."""
     return {name: prior.typical for name, prior in FREE.items()}
 
 
 def groups(runs: Sequence[Record]) -> list[list[Record]]:
-    """Return groups of records, in each no gain and no trajectory twice if there are four of each at most."""
+    """Return groups of records; with at most four gains and trajectories a group has each of them at most once."""
     names = list(dict.fromkeys((*_ORDER, *sorted(run.trajectory for run in runs))))
     gains = sorted({run.gain for run in runs})
     count = max(len(_ORDER), len(gains))
@@ -107,11 +107,14 @@ def groups(runs: Sequence[Record]) -> list[list[Record]]:
     return [parts[key] for key in sorted(parts)]
 
 
-def unseen(runs: Sequence[Record], base: ParameterSet, held: Sequence[Record],
+def unseen(runs: Sequence[Record], base: ParameterSet, held_out: Sequence[Record],
            report: Report = lambda *_: None) -> dict[str, float]:
-    """Return the errors [mrad] of the records `held` out, by file, with the values from the other ones."""
-    others = [run for run in runs if run not in held]
+    """Return the errors [mrad] of the records `held_out` by file, with the values calibrated on the others.
+
+    Raises EmcasError without other records.
+    """
+    others = [run for run in runs if run not in held_out]
     if not others:
-        raise EmcasError(f"{held[0].path}: is the only record; to leave one out needs more")
+        raise EmcasError(f"{held_out[0].path}: is the only record; pass more, so that one can be left out")
     values = calibrated(others, base, report=report)
-    return {run.path.name: float(error(run, simulated(run, base, values))) for run in held}
+    return {run.path.name: float(error(run, simulated(run, base, values))) for run in held_out}

@@ -26,15 +26,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--records", nargs="+", type=Path, metavar="FILE", help="records, or folders of them; default: "
                         f"the folder that the environment variable {records.FOLDER} names")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the errors here, too")
-    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw measured and simulated position")
-    parser.add_argument("--fit", action="store_true", help="calibrate on these records, from the data sheet, instead "
-                        "of using the shipped set (a minute)")
-    parser.add_argument("--unseen", action="store_true", help="also calibrate without parts of these records, from the "
-                        "data sheet, and compare with those parts: one of each gain and trajectory, or one record "
-                        "(ten minutes)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="file for the errors")
+    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="picture of measured and simulated positions")
+    parser.add_argument("--fit", action="store_true", help="calibrate on these records, from the data sheet's values, "
+                        "instead of using the shipped set (a minute)")
+    parser.add_argument("--unseen", action="store_true", help="also calibrate without a part of these records, and "
+                        "print the errors of this part: in turn a group with one record of each gain and trajectory, "
+                        "and a single record (ten minutes)")
     parser.add_argument("-p", "--parameters", nargs="+", type=Path, default=(), metavar="FILE",
-                        help=f"parameter files over the set {records.SET}")
+                        help=f"parameter files that override the set {records.SET}")
     options = parser.parse_args(arguments)
     try:
         if options.plot:
@@ -53,14 +53,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"\n{'parameter, SI':32} {'start':>9} {'calibrated':>10} {'in use':>9}")
             for name, start in typical().items():
                 print(f"{name:32} {start:9.3g} {values[name]:10.3g} {records.value(base, name):9.3g}")
-        held = {words: _unseen(words, runs, base, splits) for words, splits in (
+        left_out = {words: _unseen(words, runs, base, splits) for words, splits in (
             ("one of each gain and trajectory", groups(runs)), ("one record", [[run] for run in runs]))
             } if options.unseen else {}
         if options.json:
             listed = [{"file": run.path.name, "sha256": run.sha256, "kp": run.gain, "trajectory": run.trajectory,
                        "mean_abs_error_mrad": each} for run, each in zip(runs, errors, strict=True)]
             write(options.json, json.dumps({"mean_abs_error_mrad": mean, "records": listed, "calibrated": values,
-                                            "unseen": held}, indent=2) + "\n")
+                                            "unseen": left_out}, indent=2) + "\n")
         if options.plot:
             draw(options.plot, runs, positions, errors)
     except records.NoRecordsError as error:
@@ -73,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _report(words: str) -> Callable[[int, float], None]:
-    """Return what shows the progress of a calibration on a terminal."""
+    """Return a function that prints the progress of a calibration to a terminal."""
     def show(generation: int, cost: float) -> None:
         if sys.stderr.isatty():
             last = generation == GENERATIONS
@@ -84,7 +84,7 @@ def _report(words: str) -> Callable[[int, float], None]:
 
 
 def _unseen(words: str, runs: Sequence[Record], base: ParameterSet, splits: Sequence[Sequence[Record]]) -> list[Any]:
-    """Print and return the errors [mrad], by file, of the records in each split with a set from all others."""
+    """Print and return, for each split, the errors [mrad] of its records by file with a set from all other records."""
     print(f"\ncalibrated without {words}, error of the records left out")
     found = []
     for k, split in enumerate(splits):

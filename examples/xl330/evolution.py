@@ -1,6 +1,6 @@
-"""Minimising a rough function of some ten numbers by the CMA evolution strategy, which SciPy does not have.
+"""Minimisation of a rough function of about ten numbers by the CMA evolution strategy, which SciPy does not have.
 
-Hansen, "The CMA evolution strategy: a tutorial" (2016), with its constants, without active weights.
+Source: Hansen, "The CMA evolution strategy: a tutorial" (2016), with its constants, without active weights.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from .records import Array
 
 def minimised(cost: Callable[[Array], Array], start: Array, spread: float, farthest: float, generations: int,
               samples: int, seed: int, report: Callable[[int, float], None] = lambda *_: None) -> Array:
-    """Return the mean of the distribution of points in which a search ends that starts around `start`.
+    """Return the mean [parameters] of the points' distribution at the end of a search that begins around `start`.
 
     `cost` maps points [parameters, points] to their costs. `spread` is the first standard deviation; points are clipped
-    to +-`farthest`. The mean is better than the best point: that owes its cost to the roughness, too. `report` is
+    to +-`farthest`. The mean is preferred to the best point, whose low cost is partly due to the roughness. `report` is
     called with the generation's number and its smallest cost.
     """
     n, rng = len(start), np.random.default_rng(seed)

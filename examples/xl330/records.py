@@ -1,4 +1,4 @@
-"""Records of a servo that moves a pendulum, in the form of Rhoban/bam, and their simulation by the package."""
+"""Records of a servo that swings a pendulum, in the format of Rhoban/bam, and their simulation."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from emcas_fmu.simulation import respond_all
 Array = NDArray[np.float64]
 
 SET, MODEL = "xl330", "servo"
-FOLDER = "EMCAS_RECORDS"  # the environment variable that names the folder of the records
+FOLDER = "EMCAS_RECORDS"  # environment variable with the folder of the records
 WHERE = ("the records are part of Rhoban/bam, \"Better Actuator Models\" (ICRA 2025, Apache-2.0), "
          "https://github.com/Rhoban/bam: name their files or folder by --records, or the folder by the environment "
          f"variable {FOLDER}")
-DIVISOR = 256.0  # counts of PWM per count of error are the gain over this, by the PWM that the records have
-TILT = 0.0253  # rad, at which the pendulum hangs below the encoder's zero; identified with the set, +-0.003
+DIVISOR = 256.0  # ratio of the firmware's gain to the PWM counts per count of error in the records
+TILT = 0.0253  # rad, angle at which the pendulum hangs below the encoder's zero; identified with the set, +-0.003
 STEP = 1e-3  # s, of the simulation
 TILT_NAME, LATENCY = "attitude.pitch", "command.latency"  # the tilt is an input of the simulation
 _COLUMNS = ("timestamp", "goal_position", "torque_enable", "position")
 
 
 class NoRecordsError(EmcasError):
-    """There are no records where they are looked for."""
+    """No records are named, or a named folder contains none."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """One run: gain in the firmware's units, pendulum [kg, m], and by stamp [s] goal, enable and position [rad]."""
+    """One run: gain in the firmware's units, pendulum [kg, m], and goal, enable and position [rad] at times [s]."""
 
     path: Path
     sha256: str
@@ -53,21 +53,21 @@ class Record:
 
 
 def read(path: Path) -> Record:
-    """Return a record. Raises EmcasError with file, entry and remedy."""
+    """Return a record from a JSON file. Raises EmcasError with file, entry and remedy."""
     try:
         content = path.read_bytes()
         contents = json.loads(content)
     except (OSError, ValueError) as error:
-        raise EmcasError(f"{path}: is no record: {error}") from error
+        raise EmcasError(f"{path}: is not a record: {error}") from error
     if not isinstance(contents, dict) or not isinstance(contents.get("entries"), list):
-        raise EmcasError(f"{path}: is no record: it has no list entries")
+        raise EmcasError(f"{path}: is not a record: it has no list `entries`")
     gain, mass, length = (_number(path, "", contents, name) for name in ("kp", "mass", "length"))
     if min(mass, length) <= 0.0:
         raise EmcasError(f"{path}: mass {mass:g} kg and length {length:g} m of the pendulum must be above 0")
     rows = [[_number(path, f"entry {k}: ", entry, name) for name in _COLUMNS]
             for k, entry in enumerate(contents["entries"])]
     if len(rows) < 2:
-        raise EmcasError(f"{path}: has {len(rows)} entries; a run has two at least")
+        raise EmcasError(f"{path}: has {len(rows)} entries; a run has at least two")
     time, goal, enabled, position = np.array(rows).T
     if (back := np.flatnonzero(np.diff(time) <= 0.0)).size:
         raise EmcasError(f"{path}: entry {back[0] + 1}: timestamp {time[back[0] + 1]:.6g} is not after the one before; "
@@ -78,20 +78,20 @@ def read(path: Path) -> Record:
 
 def _number(path: Path, where: str, entry: Any, name: str) -> float:
     if not isinstance(entry, dict) or name not in entry:
-        raise EmcasError(f"{path}: {where}there is no {name}; records are as those of {WHERE}")
+        raise EmcasError(f"{path}: {where}there is no {name}; use records in the format of bam: {WHERE}")
     try:
         value = float(entry[name])
     except (TypeError, ValueError) as error:
         raise EmcasError(f"{path}: {where}{name} is {entry[name]!r}; it must be a number") from error
     if not isfinite(value):
-        raise EmcasError(f"{path}: {where}{name} is {value}; leave such entries out")
+        raise EmcasError(f"{path}: {where}{name} is {value}; leave this entry out")
     return value
 
 
 def files(named: Iterable[Path] | None) -> list[Path]:
-    """Return the files of records that are named, of a folder all in it or in its folder xl330; by default of FOLDER.
+    """Return the files of the `named` records, by default of the folder in the environment variable FOLDER.
 
-    Raises NoRecordsError where there is none.
+    For a folder these are all its records, or those in its folder xl330. Raises NoRecordsError if there is none.
     """
     chosen = list(named or (Path(folder) for folder in [os.environ.get(FOLDER, "")] if folder))
     if not chosen:
@@ -107,7 +107,7 @@ def files(named: Iterable[Path] | None) -> list[Path]:
 
 
 def of_bench(record: Record, base: ParameterSet) -> ParameterSet:
-    """Return a set of the servo on the bench of a record: its gain, the pendulum as fin, the first angle as start."""
+    """Return the servo's parameters for a record: its gain, the pendulum as fin, the first angle as start angle."""
     return base.with_values({
         "controller.kp": record.gain / DIVISOR, "mass.fin": record.mass, "center_of_mass.fin.x": 0.0,
         "center_of_mass.fin.z": record.length, "inertia.fin": record.mass * record.length**2, "loads.gravity": True,
@@ -115,11 +115,11 @@ def of_bench(record: Record, base: ParameterSet) -> ParameterSet:
 
 
 def simulated(record: Record, base: ParameterSet, changes: Mapping[str, Array | float]) -> Array:
-    """Return the simulated position [rad] at the stamps of a record, of shape [..., stamps].
+    """Return the simulated position [rad] at the stamps of a record: an array [..., stamps].
 
-    `changes` are values [SI] of parameters over those of `base`, and the tilt of the bench, numbers or arrays of one
-    shape for as many simulations side by side; those that do not end are not a number.
-    The inputs are goal and enable, held between stamps; the start is the first position, at rest.
+    `changes` are values [SI] of parameters that override `base`, and of the bench's tilt: numbers, or arrays [...] with
+    a value for each simulation. A simulation that does not reach its end is nan. The inputs are goal and enable, held
+    between stamps. It starts at the first position, at rest.
     """
     bench = of_bench(record, base)
     values = {TILT_NAME: TILT, **changes}
@@ -143,16 +143,16 @@ def simulated(record: Record, base: ParameterSet, changes: Mapping[str, Array | 
 
 
 def error(record: Record, position: Array) -> Array:
-    """Return the mean absolute error [mrad] of simulated positions [rad], of shape [..., stamps]."""
+    """Return the mean absolute error [mrad] of simulated positions [..., stamps] [rad]: an array [...]."""
     mean: Array = 1e3 * np.mean(np.abs(position - record.position), axis=-1)
     return mean
 
 
 def value(base: ParameterSet, name: str) -> float:
-    """Return what `simulated` uses without changes: a parameter [SI], or the tilt."""
+    """Return the value [SI] of a parameter, or of the tilt, that `simulated` uses without changes."""
     return TILT if name == TILT_NAME else float(base.values[name])
 
 
-def shipped(further: Sequence[Path] = ()) -> ParameterSet:
-    """Return the shipped set of the servo, overridden by `further` parameter files."""
-    return load_parameters([SET, *further], model=MODEL)
+def shipped(overriding: Sequence[Path] = ()) -> ParameterSet:
+    """Return the shipped set of the servo, overridden by parameter files."""
+    return load_parameters([SET, *overriding], model=MODEL)

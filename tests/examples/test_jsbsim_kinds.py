@@ -116,7 +116,7 @@ def test_wiring_of_the_supply_is_checked(words: tuple[str, ...], message: str, h
 def test_a_bus_is_for_those_on_one(hydraulic: Path, tmp_path: Path) -> None:
     archive = write_archive(tmp_path / "EMCAS.ssp", hydraulic)
     for make in (lambda: Fmu(hydraulic, bus_voltage=30.0), lambda: InMaster(archive, "fmpy", 1e-3, bus_voltage=30.0)):
-        with pytest.raises(EmcasError, match="is fed by supply_pressure, not by a bus: leave --bus-voltage away"):
+        with pytest.raises(EmcasError, match="its supply is supply_pressure, not a bus: leave --bus-voltage out"):
             make()
 
 
@@ -134,7 +134,7 @@ def test_what_cannot_be_flown_together(hydraulic: Path, tmp_path: Path) -> None:
     fly = Options(("gentle",), (IDEAL, "fmu"))
     refused(replace(fly, models=("electrohydralic",)), tmp_path, "there is no actuator 'electrohydralic'.*did you mean")
     refused(replace(fly, models=(HYDRAULIC, "elastic"), masters=("fmpy",)), tmp_path, "--host: flies one actuator")
-    refused(replace(fly, models=(HYDRAULIC, "elastic"), actuators=("stiff",)), tmp_path, "stiff: is of one actuator")
+    refused(replace(fly, models=(HYDRAULIC, "elastic"), actuators=("stiff",)), tmp_path, "stiff: flies one actuator")
     refused(replace(fly, fmu=hydraulic, models=(HYDRAULIC,)), tmp_path, f"--model {HYDRAULIC}: is flown already")
     refused(replace(fly, fmu=hydraulic, actuators=("second-order",)), tmp_path, "fitted to the nonlinear model, which")
     refused(replace(fly, fmu=hydraulic, mixing=True), tmp_path, "is a single actuator, without mixing")

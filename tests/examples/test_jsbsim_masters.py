@@ -96,9 +96,9 @@ def test_options_that_do_not_go_together(ssp: Path, four: Path, tmp_path: Path) 
             run(options, tmp_path, lambda what, share: None)
 
     ideal = Options(("gentle",), ("ideal",))
-    refused(Options(("gentle",), ("ideal",), ssp=ssp), "--ssp .* is flown in another master only: give --host, too")
-    refused(Options(("gentle",), ("ideal",), variant="cold"), "--variant cold: is a variant of an archive: give --ssp")
+    refused(Options(("gentle",), ("ideal",), ssp=ssp), "--ssp .* is flown in another master only: pass --host, too")
+    refused(Options(("gentle",), ("ideal",), variant="cold"), "--variant cold: is a variant of an archive: pass --ssp")
     refused(Options(("gentle",), ("stiff",), fmu=four, masters=("fmpy",)),
-            "has four actuators, and an archive wires single ones: give --ssp FILE")
+            "has four actuators, and an archive needs single ones: pass --ssp FILE")
     assert run(Options(ideal.manoeuvres, ideal.actuators, 4e-3, convergence=False), tmp_path,
                lambda what, share: None).masters == {}

@@ -64,7 +64,7 @@ def test_the_supply_is_the_units(tmp_path: Path) -> None:
 @pytest.mark.parametrize("voltage", [0.0, -1.0, float("nan")])
 def test_impossible_supply_is_refused(voltage: float, four: Path, ssp: Path) -> None:
     for make in (lambda: Fmu(four, bus_voltage=voltage), lambda: InMaster(ssp, "fmpy", 1e-3, VARIANT, voltage)):
-        with pytest.raises(EmcasError, match=r"a bus voltage of .* must be above 0; give --bus-voltage"):
+        with pytest.raises(EmcasError, match=r"a bus voltage of .* must be above 0; pass another by --bus-voltage"):
             make()
 
 
@@ -139,7 +139,7 @@ def test_impossible_bus_is_refused(resistance: float, four: Path) -> None:
 
 
 def test_single_units_have_no_bus_and_no_mixing(native: Path) -> None:
-    with pytest.raises(EmcasError, match=r"is a single actuator, without a bus to share: .* leave --bus-resistance"):
+    with pytest.raises(EmcasError, match=r"is a single actuator, without a shared bus: .* leave --bus-resistance"):
         Fmu(native, bus_resistance=RESISTANCE)
     with pytest.raises(EmcasError, match=r"is a single actuator, without mixing: .* leave --mixing"):
         Fmu(native, mixing=True)
@@ -148,7 +148,7 @@ def test_single_units_have_no_bus_and_no_mixing(native: Path) -> None:
 def test_no_compiler_to_build_with(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(building, "zig", lambda: None)
     monkeypatch.setattr(building, "local_compilers", lambda: iter(()))
-    with pytest.raises(CompilerError, match=r"without --fmu one is built, which needs a C compiler: pip install"):
+    with pytest.raises(CompilerError, match=r"without --fmu an FMU is built, which needs a C compiler: pip install"):
         building.build_unit(tmp_path, 4)
     assert not list(tmp_path.iterdir())
 

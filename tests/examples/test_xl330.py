@@ -154,10 +154,10 @@ def _changed(index: int, **entry: Any) -> dict[str, Any]:
 
 BAD: dict[str, tuple[Callable[[], Any], str]] = {
     "mass": (lambda: _without(contents(), "mass"), "there is no mass"),
-    "entries": (lambda: _without(contents(), "entries"), "no list entries"),
-    "list": (lambda: [1, 2], "is no record"),
+    "entries": (lambda: _without(contents(), "entries"), "no list `entries`"),
+    "list": (lambda: [1, 2], "is not a record"),
     "position": (lambda: _changed(7, position=None), "entry 7: position is None; it must be a number"),
-    "nan": (lambda: _changed(9, position=nan), "entry 9: position is nan; leave such entries out"),
+    "nan": (lambda: _changed(9, position=nan), "entry 9: position is nan; leave this entry out"),
     "goal": (lambda: {**contents(), "entries": [_without(e, "goal_position") for e in contents()["entries"]]},
              "entry 0: there is no goal_position"),
     "time": (lambda: _changed(9, timestamp=0.0), "entry 9: timestamp 0 is not after the one before"),
@@ -178,7 +178,7 @@ def test_a_bad_record_is_an_error_of_one_line(name: str, tmp_path: Path, capsys:
 
 def test_the_only_record_cannot_be_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert compare.main(["--records", str(written(tmp_path, contents(3))), "--unseen"]) == compare.REFUSED
-    assert "record.json: is the only record; to leave one out needs more" in capsys.readouterr().err
+    assert "record.json: is the only record; pass more, so that one can be left out" in capsys.readouterr().err
 
 
 def test_without_records_it_says_where_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,

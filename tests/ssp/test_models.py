@@ -139,7 +139,7 @@ def test_a_state_is_read_or_refused_with_a_reason(host: str, archive: Path) -> N
     assert done.returncode == 0, done.stderr[-2000:]
     if "absent" in done.stdout:
         pytest.skip(done.stdout)
-    assert ("state 4 int" if host == "fmpy" else "knows no enumerations") in done.stdout
+    assert ("state 4 int" if host == "fmpy" else "has no enumerations") in done.stdout
 
 
 def test_the_command_and_its_refusals(unit: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
