@@ -1,7 +1,7 @@
 """The excitations of the bench: rows of an actuator's inputs, each held until the next row.
 
-Angles are in rad, moments in N.m, times in s, frequencies in Hz. As in the reference cases, every motion begins after
-LEAD_IN at rest (a slew after SETTLE at its starting end), and loads rise within LOAD_RISE after the command.
+Angles are in rad, moments in N.m, times in s, frequencies in Hz. Steps, sweeps and sines from rest begin after LEAD_IN
+at rest, a slew after SETTLE at its starting end. The loads of steps and slews rise within LOAD_RISE after the command.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ class Move(NamedTuple):
 @checked
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """Columns of inputs by name, SI, with rows every `step` [s] from 0, and the parameters that it changes.
+    """Inputs over time: `columns` by name, SI, with rows every `step` [s] from 0.
 
-    For many runs a column is an array [runs, rows], or broadcasts to one. Rows are judged from `begin` [s] on. The
-    moment of a `spring` [N.m/rad] (a number or an array [runs]), which is its stiffness times the fin angle at the
-    beginning of each row, is subtracted from the hinge moment. `start_values` are parameters by name, which replace
-    those of the subject.
+    For many runs a column is an array [runs, rows], or broadcasts to one. Rows are judged from `begin` [s] on. `spring`
+    is a stiffness [N.m/rad], a number or an array [runs]: this stiffness times the fin angle at the beginning of each
+    row is subtracted from the hinge moment. `start_values` are parameters by name that replace those of the subject.
+    Raises ArgumentError for columns with different numbers of rows.
     """
 
     title: str
@@ -71,7 +71,7 @@ class Excitation:
 
     @cached_property
     def time(self) -> Array:
-        """Times of the rows [s]: multiples of the step, as computed by a host that counts its steps."""
+        """The times of the rows [s]: multiples of the step, without accumulated rounding."""
         return np.arange(next(iter(self.columns.values())).shape[-1]) * self.step
 
     @property
@@ -81,12 +81,12 @@ class Excitation:
 
     @property
     def command(self) -> Array:
-        """The column of the command [rad]."""
+        """The column of the command [rad], zeros without one."""
         return self.columns.get(COMMAND, np.zeros(len(self.time)))
 
     @cached_property
     def moves(self) -> tuple[Move, ...]:
-        """The jumps of a command that is constant between them."""
+        """The changes of the command from row to row; for many runs those in any run."""
         differ = np.diff(self.command) != 0.0
         jumps = np.flatnonzero(differ.any(axis=tuple(range(differ.ndim - 1)))) + 1
         ends = [*self.time[jumps].tolist(), self.stop]
@@ -98,7 +98,7 @@ class Excitation:
         return np.asarray(time) > self.begin - self.step / 2
 
     def holding(self, columns: Mapping[str, Any]) -> Excitation:
-        """Return the excitation with these inputs, too: columns, constants, or a constant for each run [runs, 1]."""
+        """Return the excitation with additional inputs: columns, constants, or a constant for each run [runs, 1]."""
         added = {name: np.broadcast_to(np.asarray(column, dtype=float),
                                          np.broadcast_shapes(np.shape(column), self.time.shape))
                    for name, column in columns.items()}
@@ -112,13 +112,16 @@ class Excitation:
         return replace(self, columns=columns, spring=spring[runs] if spring.ndim else self.spring)
 
     def with_start_values(self, values: Mapping[str, Any]) -> Excitation:
-        """Return the excitation with these parameters in `start_values`, too."""
+        """Return the excitation with additional `start_values`."""
         return replace(self, start_values={**self.start_values, **values})
 
 
 @checked
 def times(stop: float, step: float = STEP) -> Array:
-    """Return the times [s] of rows every `step` [s] from 0 to `stop` [s]. Raises ArgumentError for a wrong number."""
+    """Return the times [s] of rows every `step` [s] from 0 to `stop` [s].
+
+    Raises ArgumentError for no steps or too many.
+    """
     if not (step > 0.0 and step / 2 < stop <= MOST_POINTS * step):
         raise ArgumentError(f"rows every {step:g} s up to {stop:g} s: expected 1 to {MOST_POINTS:g} steps above 0")
     return np.arange(round(stop / step) + 1) * step
@@ -136,8 +139,9 @@ def motion(kind: str, amplitude: float, duration: float, torque: float = 0.0, se
            step: float = STEP, **frequencies: float) -> Excitation:
     """Return the excitation of a kind of `motions.KINDS`, with rows until `duration` [s] after its beginning.
 
-    `amplitude` of the command [rad], `torque` about the hinge [N.m], `settle` [s] at the starting end of a slew, and
-    the frequencies [Hz] of the kind, by default those of FIELDS. Raises ArgumentError.
+    `amplitude` [rad] is that of the command, `torque` [N.m] acts about the hinge, and a slew is `settle` [s] at its
+    starting end. The kind's `frequencies` [Hz] are those of FIELDS by default. Raises ArgumentError for an unknown kind
+    or frequency, and for a value out of its range.
     """
     if kind not in KINDS or not {*KINDS[kind].shape}.issuperset(frequencies):
         known = "; ".join(" ".join((name, *each.shape)) for name, each in KINDS.items())
@@ -178,9 +182,9 @@ def slew_to(level: float, duration: float, load: float = 0.0, settle: float = SE
 
 @checked
 def sweep(amplitude: float, duration: float, low: float = SWEEP[0], high: float = SWEEP[1]) -> Excitation:
-    """Return a logarithmic sine sweep of the command [rad] between two frequencies [Hz].
+    """Return a logarithmic sine sweep of the command with an `amplitude` [rad] for `duration` [s].
 
-    Raises ArgumentError.
+    The frequency rises from `low` to `high` [Hz]. Raises ArgumentError for impossible frequencies or duration.
     """
     return motion("sweep", amplitude, duration, low=low, high=high)
 
@@ -188,11 +192,12 @@ def sweep(amplitude: float, duration: float, low: float = SWEEP[0], high: float 
 @checked
 def sine(amplitude: float, frequency: float | Array, cycles: float | Array = 6.0,
          settle: tuple[float, float] = (4.0, 0.5), variable: str = COMMAND) -> Excitation:
-    """Return a sine of the command [rad], or a cosine of another input, at a frequency [Hz].
+    """Return a sine of the command, or a cosine of another input `variable`, at a frequency [Hz].
 
-    The last `cycles` are judged, after a transient of `settle`[0] cycles and at least `settle`[1] s. Under a cosine of
-    the hinge moment a free inertia at rest does not drift, as it would under a sine. Arrays of frequencies and `cycles`
-    define a run for each element; all runs last, and are judged, as long as the longest.
+    `amplitude` is in the input's unit. The last `cycles` are judged, after a transient of `settle`[0] cycles and at
+    least `settle`[1] s. Under a cosine of the hinge moment a free inertia at rest does not drift, as it would under a
+    sine. Arrays of frequencies and `cycles` define a run for each element; all runs last, and are judged, as long as
+    the longest. Raises ArgumentError for a frequency or a number of cycles out of its range.
     """
     _above_zero("frequency", frequency, FASTEST)
     _above_zero("cycles", cycles)
@@ -210,7 +215,7 @@ def sine(amplitude: float, frequency: float | Array, cycles: float | Array = 6.0
 
 @checked
 def sine_from_rest(amplitude: float, frequency: float, duration: float) -> Excitation:
-    """Return a sine of the command [rad] at a frequency [Hz] for `duration` [s], from rest at zero; all is judged."""
+    """Return a sine of the command [rad] at a frequency [Hz] for `duration` [s], from rest at zero, judged in full."""
     return motion("sine", amplitude, duration, frequency=frequency)
 
 
@@ -235,8 +240,8 @@ def staircase(levels: Sequence[float], holds: Sequence[float], step: float = STE
 def reference_case(name: str, exact: bool = True, supply: float = SUPPLY) -> Excitation:
     """Return a reference case by name, for an actuator whose supply is `supply` [V] at the start.
 
-    `exact`: the true angle and speed are fed back, as for a comparison of trajectories; otherwise the encoder's, as for
-    a measurement of performance. Raises EmcasError, which names the cases.
+    With `exact` the true angle and speed are fed back, for a comparison of trajectories, otherwise those of the
+    encoder, for figures of performance. Raises EmcasError for an unknown name.
     """
     (case,) = select([name], {case.name: with_supply(case, supply) for case in CASES}).values()
     excitation = of_case(case.title, case.inputs(), case.step, case.overrides)
@@ -252,7 +257,7 @@ def of_case(title: str, inputs: Mapping[str, Array], step: float, start_values: 
 
 @checked
 def with_encoder(excitation: Excitation) -> Excitation:
-    """Return the excitation without its changes of the encoder: performance is measured with the subject's."""
+    """Return the excitation without its changes of encoder parameters: performance is measured with the encoder."""
     return replace(excitation, start_values={name: value for name, value in excitation.start_values.items()
                                              if not name.startswith("encoder.")})
 
@@ -260,11 +265,12 @@ def with_encoder(excitation: Excitation) -> Excitation:
 @checked
 def csv_file(path: Path | str, step: float = STEP, stop: float | None = None, model: str = NONLINEAR,
              fins: int = 1) -> Excitation:
-    """Return the inputs of a CSV file with the column ``time`` [s] and columns of a model's inputs, SI, as for fmpy.
+    """Return the inputs in a CSV file with a column ``time`` [s] and columns of a model's inputs, SI, as fmpy reads it.
 
-    For several `fins` a column such as ``fin_command`` applies to all, ``fin[2].fin_command`` to one. Inputs are
-    interpolated between rows, jump between two rows of the same time, and before the first row have its values.
-    Raises EmcasError for a file without these columns or with other values.
+    The excitation has rows every `step` [s] up to `stop` [s], by default up to the last row of the file. For several
+    `fins` a column such as ``fin_command`` applies to all, ``fin[2].fin_command`` to one. Inputs are interpolated
+    between the file's rows, jump between two rows of the same time, and have the first row's values before it. Raises
+    EmcasError for a file that cannot be read, and for other columns or values.
     """
     path = Path(path)
     table = read_columns(path)
@@ -306,7 +312,7 @@ def read_columns(path: Path) -> dict[str, Array]:
         raise EmcasError(f"{path}: cannot be read as a table of numbers: {error}") from error
     names = [name.strip() for name in header]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise EmcasError(f"{path}: column {', '.join(twice)} is given twice")
+        raise EmcasError(f"{path}: column {', '.join(twice)} occurs twice; leave one out")
     return dict(zip(names, table.T, strict=True))
 
 
@@ -326,7 +332,7 @@ def check_span(what: str, step: float, stop: float) -> None:
 
 
 def _sampled(points: Array, time: Array, column: Array) -> Array:
-    """Return a column at `points` of time: linear between its rows, from the right at a jump, held outside."""
+    """Return a column at `points` [s]: linear between rows, the later value at a jump, constant outside the rows."""
     after = np.searchsorted(time, points * (1.0 + 1e-12), side="right")  # a point at a row, within rounding, is on it
     low, high = np.clip(after - 1, 0, len(time) - 1), np.clip(after, 0, len(time) - 1)
     span = time[high] - time[low]

@@ -31,11 +31,10 @@ _FIN = re.compile(r"fin\[\d+\]\.")
 
 @dataclass(frozen=True)
 class OpenedFmu:
-    """An unpacked FMU; `starts` are the start values of inputs and parameters.
+    """One fin of an unpacked FMU; `starts` are the start values of inputs and parameters.
 
-    It represents one fin of the FMU: all names are those of a single actuator, which `names` maps to the FMU's names.
-    Other fins keep their start values. `variables` are the FMU's variables, elements instead of arrays, with the
-    structured names of FMI 2.0.
+    All names are those of a single actuator, which `names` maps to the FMU's names. Other fins keep their start values.
+    `variables` are the FMU's variables, elements instead of arrays, with the structured names of FMI 2.0.
     """
 
     path: Path
@@ -47,7 +46,7 @@ class OpenedFmu:
     names: Mapping[str, str]
 
     def instance(self, log: Callable[..., None]) -> Any:
-        """Return a new instance, which sends its messages to `log`. Raises EmcasError if it does not start."""
+        """Return a new instance, which passes its messages to `log`. Raises EmcasError if it does not start."""
         try:
             # Without debug logging, pythonfmu's wrapper forwards no messages.
             slave = instantiate_fmu(str(self.folder), self.description, "CoSimulation", debug_logging=True,

@@ -1,6 +1,6 @@
 """Frequency responses estimated from runs: sine sweeps by Welch's method, steady sines by least squares.
 
-Frequencies in Hz, phases in rad, gains as numbers; columns are sampled uniformly.
+Frequencies are in Hz, phases in rad, gains are ratios; columns are sampled uniformly.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class FrequencyResponse:
 
     @property
     def beyond(self) -> float:
-        """Highest frequency [Hz], a lower bound of a bandwidth that is nan; itself nan if a gain is not finite."""
+        """Highest frequency [Hz], a lower bound of a bandwidth that is nan; nan if a gain is not finite."""
         measured = len(self.gain) > 0 and bool(np.all(np.isfinite(self.gain)))
         return float(self.frequency[-1]) if measured else nan
 
@@ -121,17 +121,17 @@ def sweep_response(run: Run, low: float = SWEPT[0], high: float = SWEPT[1]) -> F
 def swept(response: FrequencyResponse) -> dict[str, float]:
     """Return the figures of a frequency response: bandwidths [Hz], peak gain [dB], lowest coherence [-]."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        upto = response.frequency <= (inf if np.isnan(response.bandwidth) else response.bandwidth)
+        in_band = response.frequency <= (inf if np.isnan(response.bandwidth) else response.bandwidth)
         return {"bandwidth_3db": response.bandwidth, "bandwidth_90deg": response.phase_bandwidth,
                 "peak_gain": float(np.max(response.gain_db)) if len(response.gain) else nan,
-                "lowest_coherence": float(np.min(response.coherence[upto])) if upto.any() else nan}
+                "lowest_coherence": float(np.min(response.coherence[in_band])) if in_band.any() else nan}
 
 
 def fundamental(time: Array, values: Array, frequency: float, drift: bool = True) -> complex:
     """Return the complex amplitude c of Re(c exp(2 pi i f t)) in `values`, by least squares with an offset.
 
-    `time` [s] and `values`, of any unit, are equally long; f is `frequency` [Hz]. A linear `drift` is also fitted by
-    default.
+    `time` [s] and `values`, of any unit, are equally long; f is `frequency` [Hz]. With `drift` a linear term is also
+    fitted.
     """
     return complex(fundamental_weights(time, frequency, drift) @ values)
 

@@ -39,7 +39,7 @@ KINDS: Mapping[str, tuple[str, ...]] = {
 BANDWIDTHS = 2.0, 60.0  # Hz, range of the search for a bandwidth
 GRID = tuple(np.geomspace(*BANDWIDTHS, 12).tolist())  # Hz; the interval that contains a bandwidth is bisected
 BISECTIONS = 6  # which locate a bandwidth within 3 parts in 1000
-LOOP_LOWEST, LOOP_POINTS = 0.05, 200  # lowest frequency [Hz] and number of frequencies, which give margins to 1e-6
+LOOP_LOWEST, LOOP_POINTS = 0.05, 200  # lowest frequency [Hz] and number of frequencies, for margins within 1e-6
 CYCLES, FITTED = 4.0, 0.15  # smallest number of fitted cycles of a sine, and their shortest duration [s]
 TRANSIENT = (2.0, 0.1)  # smallest number of cycles before the fit, and their shortest duration [s]
 REST = 4.0  # s, duration of the rest after the history of use
@@ -55,10 +55,10 @@ class Test:
     release  the torque on a fin held at 0 is removed at once after `settle`
     sine     sines of this amplitude; bisection finds the frequency
     linear   the loop broken at the drive's reference
-    repeat   slews after a history of use with this torque and a rest, compared with those of a fresh actuator
+    repeat   slews after use with this torque and a rest are compared with those of a fresh actuator
 
-    `amplitude` is in rad. `duration` [s] is that of the judged part, `settle` [s] the time before it. `torque` [N.m] is
-    positive in the direction of motion. `supply` is a share of the supply's start value.
+    `amplitude` is in rad. `duration` [s] is that of the judged part; `settle` [s] is the time before it in a slew or
+    release. `torque` [N.m] is positive in the direction of motion. `supply` is a share of the supply's start value.
     """
 
     __test__ = False  # not one of pytest's
@@ -137,7 +137,7 @@ def recorded(figures: Sequence[str]) -> tuple[str, ...]:
 
 def columns(subject: Subject, changes: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
     """Return the parameters that any variant changes, with an array of their values in all variants."""
-    # Without changes, one parameter, whichever, defines the number of variants.
+    # Without changes any one parameter defines the number of variants.
     names = dict.fromkeys(name for each in changes for name in each) or [next(iter(subject.values))]
     others = {**subject.values, **subject.at_start}
     return {name: np.array([each.get(name, others[name]) for each in changes]) for name in names}
@@ -204,7 +204,7 @@ def _among(runs: Runs, indices: Array, values: Any) -> Array:
 
 
 def _use(supply: str) -> list[dict[str, Array]]:
-    """Return the inputs of each second of a history of use, as shares of the amplitude, torque and start values.
+    """Return the inputs in each second of a history of use, as shares of amplitude, torque and start values.
 
     It consists of one-sided cycles and a load near or beyond the stall torque, in each direction; disabling in motion;
     a breakdown of the input `supply`; and commands that exceed the range and the fin's rate.
@@ -221,7 +221,7 @@ def _use(supply: str) -> list[dict[str, Array]]:
 
 
 def _repeated(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]]) -> Array:
-    """Return the largest difference [rad] of slews after a history of use and rest from those of a fresh actuator."""
+    """Return the largest difference [rad] between slews after use and rest and slews of a fresh actuator [variants]."""
     differing, angles = columns(subject, changes), []
     for history in histories(test, subject, {name: _start(subject, name, differing) for name in subject.inputs}):
         runs = subject.run_all(history, differing, ("fin_angle",))
@@ -232,7 +232,7 @@ def _repeated(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]]
 
 
 def histories(test: Test, subject: Subject, starts: Mapping[str, Any]) -> tuple[Excitation, Excitation]:
-    """Return the excitations of a used actuator and of a fresh one; the slews at their end are judged.
+    """Return the excitations of a used and of a fresh actuator; the slews at their ends are judged.
 
     `starts` are start values of inputs, arrays [variants, 1] if they differ between variants.
     """

@@ -26,7 +26,7 @@ Array = NDArray[np.floating[Any]]
 
 ACCURACY = radians(0.2)  # Yerlikaya (2016), Table 2
 HELD = 1.0 / 3.0  # share of a hold, at its end, in which its figures are measured
-CREPT = 1e-8  # rad; a smaller change of the angle does not count as motion
+CREPT = 1e-8  # rad, largest change of the angle that does not count as motion
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def crossing(time: Array, values: Array, level: float) -> Any:
 def settling(time: Array, distance: Array, band: float) -> Any:
     """Return the time [s], from the first row, after which `distance` stays within `band` until the end.
 
-    By linear interpolation; 0 where it is never outside, inf where it is outside at the end.
+    It is interpolated linearly; 0 if `distance` is never outside, inf if it is outside at the end.
     """
     outside = ~(distance <= band)
     last = len(time) - 1
@@ -180,7 +180,7 @@ def settling(time: Array, distance: Array, band: float) -> Any:
 
 
 def settled(time: Array, distance: Array, band: float) -> Any:
-    """Return `settling`; inf in the last third of the record, which is too short to call it settled."""
+    """Return `settling`, or inf if it is in the last third of the record, where the remaining record is too short."""
     after = settling(time, distance, band)
     return np.where(after > (1.0 - HELD) * (time[-1] - time[0]), inf, after)[()]
 
@@ -202,11 +202,11 @@ MOTION = ("rise_time", "settling_time", "time_to_accuracy", "time_to_90_percent"
 def step_metrics(time: Array, response: Array, start: float, command: Any) -> dict[str, Any]:
     """Return the figures of the response [rad] to a command that steps to a level at `start` [s] and stays there.
 
-    `steady_error` is signed. A level that is never reached gives nan, a time beyond the record inf.
+    `steady_error` is signed. A figure is nan if its level is never reached, and inf if its time is beyond the record.
 
-    Levels are shares of the commanded change, which begins at the response at `start`, and not of the change to the
-    final value: a servo has to reach its command. Other definitions are those of Ogata, "Modern Control Engineering",
-    5th ed., section 5-3. `time_to_accuracy` is the settling time to within ACCURACY.
+    Levels are shares of the commanded change, which begins at the response at `start`; they are not shares of the
+    change to the final value, since a servo has to reach its command. Other definitions are those of Ogata, "Modern
+    Control Engineering", 5th ed., section 5-3. `time_to_accuracy` is the settling time to within ACCURACY.
     """
     time, response = since(start, time, response)
     level = np.asarray(command)[..., np.newaxis]
@@ -232,7 +232,7 @@ def _last(time: Array) -> slice:
 
 
 def sustained_rate(time: Array, angle: Array, start: float, command: Any) -> Any:
-    """Return the mean rate [rad/s] over the middle 60 % of a motion commanded at `start` [s]; nan if it falls short.
+    """Return the mean rate [rad/s] over the middle 60 % of a motion commanded at `start` [s]; nan if 80 % is not met.
 
     The middle of the travel excludes acceleration and braking, and a spike hardly changes a mean: a guidance loop can
     rely on this rate, but not on the largest one.
@@ -245,10 +245,10 @@ def sustained_rate(time: Array, angle: Array, start: float, command: Any) -> Any
 
 
 def motion(run: Run, number: int = 0) -> dict[str, Any]:
-    """Return the figures MOTION of a step of the command, by its `number`, of a finished run, until the next step."""
+    """Return the figures MOTION of a finished run for a step of the command by its index, up to the next step."""
     move, columns = run.excitation.moves[number], run.columns
-    upto = int(np.searchsorted(columns["time"], move.end + 1e-9, side="right"))
-    of_move = {name: column[..., :upto] for name, column in columns.items()}
+    rows = int(np.searchsorted(columns["time"], move.end + 1e-9, side="right"))
+    of_move = {name: column[..., :rows] for name, column in columns.items()}
     time, angle = of_move["time"], of_move["fin_angle"]
     return {**step_metrics(time, angle, move.start, move.level), **_current_ripple(of_move, move.start),
             "peak_rate": np.max(np.abs(since(move.start, time, of_move["fin_rate"])[1]), axis=-1),
@@ -272,7 +272,7 @@ def _current_ripple(columns: Mapping[str, Array], start: float) -> dict[str, Any
 
 
 def usage(run: Run) -> dict[str, Any]:
-    """Return those figures USAGE whose outputs were recorded, from the beginning of the excitation on."""
+    """Return the figures USAGE of the recorded outputs, from the excitation's `begin` on."""
     at = dict(zip(run.columns, since(run.excitation.begin, *run.columns.values()), strict=True))
     reductions: Mapping[str, Callable[[Array], Any]] = {
         "peak": lambda column: np.max(np.abs(column), axis=-1), "rms": rms,

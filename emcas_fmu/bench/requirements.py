@@ -74,7 +74,7 @@ def _test(entry: Any, info: ValidationInfo) -> Test:
 
 
 def _limit(entry: Any, info: ValidationInfo) -> float:
-    """Return a limit in the unit of its figure, or 1 for an unknown figure, which has its own message."""
+    """Return a limit in its figure's unit; 1 for an unknown figure, for which another validator raises the error."""
     limit = float(In(_unit(info.data["figure"])).number(entry)) if "figure" in info.data else 1.0
     if limit <= 0.0:
         raise ValueError("must be above 0")

@@ -57,9 +57,9 @@ class Runs:
     """The responses of `number` runs to excitations with the same rows.
 
     `columns` by name are arrays [runs, rows], except ``time`` [rows]; a fine column has `substeps` points per row. Rows
-    that a run did not reach are NaN. `refused` maps the index of a refused run to its error, `stopped` that of a run
-    that ended early to its number of rows and its log. The columns of `runs[index]` equal those of a simulation of that
-    run alone; they are views.
+    that a run did not reach are nan. `refused` maps the index of a refused run to its error; `stopped` maps the index
+    of a run that ended early to its number of rows and its log. The columns of `runs[index]` are views, equal to those
+    of a simulation of that run alone.
     """
 
     excitation: Excitation = field(repr=False)

@@ -43,11 +43,11 @@ ANGLE_KNOWN = {"homing.required": False}
 
 @dataclass(frozen=True)
 class Identification:
-    """The identity of a subject, independent of the place and time of a test.
+    """The identity of a subject.
 
     `kind` is `FMU` or `parameter set`. `sha256` is the hash of the file or files, empty for the defaults; a parameter
-    set has no `guid`. `differences` are the names of the parameters that differ from the shipped ones, `estimates`
-    those of engineering estimates. `fin`, from 1, is set for an FMU.
+    set has no `guid`. `differences` are the names of the parameters that differ from the shipped ones, `estimates` the
+    names of those that are engineering estimates. `fin`, from 1, is set for an FMU.
     """
 
     kind: str
@@ -91,8 +91,8 @@ class Subject(ABC):
         """Return the response at the times of the rows; that of `fine` outputs at `substeps` equal steps per row.
 
         `start_values` are changed parameters, in addition to those of the excitation. `outputs` are the names of the
-        recorded outputs, by default all. Raises EmcasError for inputs and parameters that the subject lacks and
-        ParameterError for values that it refuses. The Run reports a failure during the simulation.
+        recorded outputs, by default all. Raises EmcasError for inputs and parameters that the subject lacks, and
+        ParameterError for values that it refuses. A failure during the simulation is in the Run.
         """
 
     def run_all(self, excitation: Excitation, changes: Mapping[str, Array], outputs: Iterable[str] | None = None,
@@ -196,10 +196,10 @@ class Subject(ABC):
                          *(name for name in excitation.start_values if name not in self.values)])
 
     def changed(self, excitation: Excitation, changes: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return all changed parameters of a run: those of `at_start`, the excitation and `changes`; the last counts.
+        """Return all changed parameters of a run: those of `at_start`, the excitation and `changes`, in this order.
 
-        `at_start` is left out if the excitation has the input `home`. Raises EmcasError if the subject cannot be
-        excited in this way.
+        The last value of a parameter is used. `at_start` is left out if the excitation has the input `home`. Raises
+        EmcasError if the subject cannot be excited in this way.
         """
         known = {} if "home" in excitation.columns else self.at_start
         excitation = excitation.with_start_values({**known, **excitation.start_values, **changes})

@@ -41,8 +41,8 @@ class Measured(NamedTuple):
 class Judged:
     """A requirement with its measured value: `measured` [unit] must be at least or at most `limit` [unit].
 
-    ``measured`` is None if the figure was not measured (skipped) or has no value (missed); ``note`` has the reason. For
-    a bandwidth ``beyond`` the range of the search it is the nearer end of that range. ``how`` describes the
+    ``measured`` is None if the figure was not measured (skipped) or has no value (missed); ``note`` has the reason. A
+    bandwidth ``beyond`` the range of the search is replaced by the nearer end of that range. ``how`` describes the
     measurement; ``case`` is the case of the worst value, empty for a requirement with one case.
     """
 
@@ -80,7 +80,7 @@ class Judged:
 
     @property
     def more(self) -> str:
-        """The sign before a figure that is a bound, ``< `` or ``> ``; otherwise empty."""
+        """The sign ``< `` or ``> `` before a figure that is only a bound; otherwise empty."""
         return "" if not self.beyond or self.measured is None else "< " if self.measured <= BANDWIDTHS[0] else "> "
 
     @property
@@ -108,9 +108,9 @@ def evaluate(subject: Subject, specification: Specification, changes: Sequence[M
              progress: Progress = silent) -> list[list[Measured]]:
     """Return, for each variant, the figures of all requirements that can be measured, in their cases.
 
-    Each item of `changes` has the parameters of a variant that differ from the subject's; a case overrides them. The
-    figures of a variant do not depend on other variants. Their order is that of the cases, then that of the tests.
-    `progress` is called with each test.
+    Each item of `changes` has the parameters of a variant that differ from the subject's; a case overrides them. A
+    variant's figures do not depend on other variants. They are ordered by case, then by test. `progress` is called with
+    each test.
     """
     cases = {case.name: case for case in specification.cases}
     measurable = [(r.test, r) for r in specification.requirements if r.test and not r.obstacle(subject)]

@@ -1,14 +1,14 @@
 """Independent, event-located integrations of whole actuators, and the reference files made with them.
 
-They judge the package's fixed-tick stepping, so they use none of its equations. The equations are written again and
+The integrations judge the package's fixed-tick stepping, and use none of its equations: these are written again and
 integrated by SciPy with error control. Changes of mode (stick, slip, voltage limit, mechanical stop) are located as
-roots; a fixed tick would step over them.
+roots.
 
 Integrations: :mod:`.simulate` is the entry; it uses :mod:`.events`, :mod:`.actuator`, :mod:`.vehicle`, :mod:`.drive`
-and :mod:`.controllers`. The module of an actuator has its name; that of the thesis is in :mod:`.plant`,
+and :mod:`.controllers`. Each actuator is in the module of its name, the thesis's actuator in :mod:`.plant`
 with :mod:`.screw`. :mod:`.coil` and :mod:`.piston` are shared. :mod:`.linear` is the thesis's linear model.
 
-Files: :mod:`.cases` contains the excitations, :mod:`.files` and :mod:`.stored` write and read responses,
+Files: :mod:`.cases` contains the excitations; :mod:`.files` and :mod:`.stored` write and read responses;
 :mod:`.responses` caches them.
 
 Sources: Ü. Yerlikaya's thesis (2016), equations 2.1 - 2.47 and section 4.2, cited by number.

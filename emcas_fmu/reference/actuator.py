@@ -1,7 +1,7 @@
 """Simulation of an actuator: sampled controllers, a delayed DAC and held inputs around integrated equations.
 
 Between two discrete instants (a sample, the arrival of a delayed DAC value, an input row) the actuator is integrated
-from event to event. At each instant the discrete parts act.
+from event to event.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .controllers import Bus
 from .events import Accuracy, Array, Body, Event, State, Value
 from .vehicle import INPUTS_AT_REST, Surroundings, as_built, clip, surroundings
 
-DIGITS = 12  # decimals of a second; instants are rounded to them, so that coinciding instants are equal
+DIGITS = 12  # decimals of a second to which instants are rounded: coinciding instants are then equal
 
 Sample = Callable[[State, float, bool], float]
 """Function of state, command [rad] and enable signal that returns the controllers' output; called once per sample."""
@@ -29,7 +29,7 @@ class Actuator(ABC):
 
     accuracy: Accuracy
     names: tuple[str, ...]
-    """Names of the outputs, in the order of `outputs`; the controllers' output is last, or absent."""
+    """Names of the outputs, in the order of `outputs`, then that of the controllers' output if it is recorded."""
     supply = ("supply_voltage", "drive.supply_voltage")
     """Names of the supply's input and of the parameter with its start value."""
     p: Mapping[str, float]
@@ -40,7 +40,7 @@ class Actuator(ABC):
 
     @abstractmethod
     def start(self) -> tuple[State, Any]:
-        """Return the state and the mode at the start."""
+        """Return the state and the mode at the start, at rest at the start angle."""
 
     @abstractmethod
     def controller(self, nominal: Any) -> Sample:
@@ -48,7 +48,7 @@ class Actuator(ABC):
 
     @abstractmethod
     def outputs(self, y: State, around: Surroundings) -> Sequence[float]:
-        """Return the outputs [SI] at a state, without the controllers' output."""
+        """Return the outputs [SI] at a state, in the order of `names`, without the controllers' output."""
 
     @abstractmethod
     def slope(self, y: State, mode: Any, around: Surroundings) -> Sequence[float]:
@@ -126,7 +126,10 @@ def schedule(time: Any, p: Mapping[str, Any]) -> tuple[list[float], Iterator[dic
 
 
 def columns_of(inputs: Mapping[str, Any], starts: Mapping[str, float]) -> dict[str, list[float]]:
-    """Return each input at the rows, its start value without a column. Raises ValueError for an unknown input."""
+    """Return every input's column, or its constant start value if `inputs` lacks it.
+
+    Raises ValueError for an unknown input.
+    """
     if unknown := sorted(set(inputs) - set(starts) - {"time"}):
         raise ValueError(f"unknown inputs {', '.join(unknown)}; the actuator has {', '.join(starts)}")
     shape = np.shape(inputs["time"])

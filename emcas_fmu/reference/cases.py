@@ -22,11 +22,11 @@ from .vehicle import clip
 
 SIGNIFICANT_DIGITS = 9  # of the numbers in a reference file
 T = TypeVar("T")
-EDGE_RATE = 400.0  # deg/s, slope of a square wave's edges: faster than the fin, so that they saturate the drive
+EDGE_RATE = 400.0  # deg/s, slope of a square wave's edges: faster than the fin, and therefore saturates the drive
 SUPPLY = 39.0  # V, start value of the default actuator's supply
-TOLERANCE = math.radians(0.002)  # rad, of fin angles: 1/100 of Table 2's accuracy, too small to change its verdict
-_SAG = 28.0 / 39.0  # share of the supply during a sag: below a fast slew's back-EMF, so the motor also regenerates
-_SWEEP_TIME = 12.0  # s, with the lead-in
+TOLERANCE = math.radians(0.002)  # rad, largest error of a fin angle: 1/100 of the accuracy in Table 2
+_SAG = 28.0 / 39.0  # share of the supply during a sag, below a fast slew's back-EMF: the motor also regenerates
+_SWEEP_TIME = 12.0  # s, duration of a sweep including the lead-in
 
 # A quantised encoder with exact stiction amplifies any difference, even from rounding: two converged integrations of
 # one case differ by up to 0.004 deg (docs/model/numerics.md), although both are correct. Trajectories are therefore
@@ -37,7 +37,7 @@ Columns = dict[str, Array]
 
 
 def stored(values: Array) -> Array:
-    """Return values rounded as in a reference file."""
+    """Return values rounded to the digits of a reference file."""
     return np.array([float(f"{value:.{SIGNIFICANT_DIGITS}g}") for value in values])
 
 
@@ -151,7 +151,7 @@ CASES = [
 ]
 
 # The reference embedded in FMUs of actuators without stored responses. It is short, since it is integrated during the
-# build, and it shows the signs of command and hinge torque.
+# build. It shows the signs of command and hinge torque.
 STEP_AND_LOAD = Case("step_and_load", "Step to +10 deg, and 50 N.m against it from 0.2 s on", "embedded", 0.35,
                      math.radians(10.0),
                      lambda time: {**_levels((LEAD_IN, 10.0))(time),

@@ -20,7 +20,7 @@ from .screw import Screw
 from .vehicle import Surroundings, sign
 
 FIN, RATE, MOTOR, COIL_1, COIL_2, FLUX_1, FLUX_2, TEMPERATURE = range(8)
-TURNS = (1.0, -1.0)  # of the screw by each clutch, relative to the motor
+TURNS = (1.0, -1.0)  # turns of the screw per turn of the motor through each clutch
 
 
 class Mode(NamedTuple):
@@ -68,24 +68,22 @@ class Clutches(Actuator):
                     {MOTOR: lambda y, _: TURNS[k] * self.screw.ratio(y[FIN]) * y[RATE]})
 
     def start(self) -> tuple[State, Mode]:
-        """Return the state and the mode at the start."""
         p, bias = self.p, self.p["clutch.bias_current"]
         return ([p["fin.start_angle"], 0.0, p["motor.start_speed"], bias, bias, bias, bias, p["friction.temperature"]],
                 Mode())
 
     def controller(self, nominal: Clutches) -> Sample:
-        """Return the thesis's controllers, with the difference of the coils' currents as motor current."""
+        """Return the thesis's controllers, which read the difference of the coils' currents as motor current."""
         loops = Controllers(self.screw, nominal.screw)
         return lambda y, command, enable: loops.sample(y[FIN], y[RATE], command, enable, y[COIL_1] - y[COIL_2])
 
     def outputs(self, y: State, _around: Surroundings) -> tuple[float, ...]:
-        """Return the outputs [SI] up to the clutch's temperature [degC]."""
         return *y[:FLUX_1], y[TEMPERATURE]
 
     # Equations ----------------------------------------------------------------------------------------------
 
     def slips(self, y: State) -> tuple[float, float]:
-        """Return the sliding speeds [rad/s] of both clutches: the motor side's speed minus the screw's."""
+        """Return the sliding speeds [rad/s] of both clutches: speed of the driving half minus speed of the screw."""
         speed = self.screw.ratio(y[FIN]) * y[RATE]
         return y[MOTOR] - speed, -y[MOTOR] - speed
 
@@ -137,7 +135,6 @@ class Clutches(Actuator):
         return side * self._loads(y, mode, around)[0] - self.screw.coulomb(y[FIN], side)
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
-        """Return d/dt of the state [SI/s] in a mode."""
         if 0 in mode.slip:
             rate, faster, _ = self.locked(y, mode, mode.slip.index(0), around)
         else:
@@ -153,13 +150,11 @@ class Clutches(Actuator):
     # Modes --------------------------------------------------------------------------------------------------
 
     def admit(self, y: State, mode: Mode, around: Surroundings) -> Any:
-        """Return the mode after a jump of the surroundings."""
         for coil, reference in zip(self.coils, self.references(around), strict=True):
             mode = coil.admit(y, mode, reference, around.supply)
         return super().admit(y, mode._replace(feeds=self.surplus(y, around) > 0.0), around)
 
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
-        """Return the events that end a mode."""
         def motor_rests(y: State, _around: Surroundings) -> int:
             raise ValueError("the motor comes to rest; this reference requires inputs with which it keeps turning")
 

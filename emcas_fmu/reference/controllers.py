@@ -102,7 +102,8 @@ class Controllers:
     def sample(self, delta: float, omega: float, command: float, enable: bool, current: float = 0.0) -> float:
         """Return the DAC value u_k [V] of one sample.
 
-        `delta` [rad], `omega` [rad/s] and motor `current` [A] are true values; `command` [rad] comes from the bus.
+        Fin angle `delta` [rad], fin rate `omega` [rad/s] and motor `current` [A] are true values; `command` [rad] is
+        the one that arrived on the bus.
         """
         p = self.p
         fin, motor, speed = self._measure(delta, omega)

@@ -2,9 +2,9 @@
 
     L di/dt = v - R i - K_e w        v = clip(K_p (i_ref - i) + xi, +-limit)        dxi/dt = K_i (i_ref - i), free only
 
-A drive is FREE, clipped at the limit of a sign (1 or -1), sliding along that limit (2 or -2), or OPEN (bridge
-disabled, no current). DIODES of a disabled bridge conduct a current of a sign (8 or -8). An inverter's dead time
-reduces v along i.
+The mode of a drive is FREE, 1 or -1 (clipped at the limit of this sign), +-ON_LIMIT (sliding along it), OPEN (bridge
+disabled, no current) or +-DIODES (the diodes of a disabled bridge conduct a current of this sign). An inverter's dead
+time reduces v along i.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from .events import Changes, Event, Margin, State
 from .vehicle import Surroundings, clip
 
 FREE, ON_LIMIT, DIODES, OPEN = 0, 2, 8, 9
-# V. A demand this close to the voltage limit is on it: far above the rounding of a 39 V signal (1e-14), and a voltage
-# wrong by this much for a millisecond moves the current by less than 2e-9 A. In A, a diode's current ends this far
-# below 0.
+# V; a demand within this distance of the voltage limit is on it. This is far above the rounding of a 39 V signal
+# (1e-14), and such an error for a millisecond changes the current by less than 2e-9 A. It is also the current [A] below
+# 0 at which conduction of a diode ends.
 EDGE = 1e-9
 
 
@@ -70,7 +70,7 @@ class Driven(Actuator):
         return self.p["drive.kp"] * (around.reference - m.current) + m.integral
 
     def _across(self) -> float:
-        """Return the inductive voltage n w L i per speed and current, n L [V.s/(rad.A)]."""
+        """Return n L [V.s/(rad.A)]: the inductive voltage n w L i over speed and current."""
         return self.p["motor.pole_pairs"] * self.p["motor.inductance"]
 
     def limit(self, m: Motor, around: Surroundings) -> float:
@@ -89,7 +89,7 @@ class Driven(Actuator):
         return clip(self.demand(m, around), self.limit(m, around)) - self._dead(m, around)
 
     def _dead(self, m: Motor, around: Surroundings) -> float:
-        """Return the voltage [V] that dead time takes along the current: the fundamental of +-V t_d f in each phase."""
+        """Return the voltage [V] lost along the current by dead time: the fundamental of +-V t_d f in each phase."""
         dead_time = self.p.get("inverter.dead_time", 0.0)
         if not dead_time:
             return 0.0
@@ -197,7 +197,7 @@ class Driven(Actuator):
         return side if abs(demand) > limit else FREE
 
     def surroundings(self, row: Mapping[str, float], reference: float) -> Surroundings:
-        """Return loads and current reference. Raises ValueError unless the supply voltage is above 0."""
+        """Return :meth:`.Actuator.surroundings`. Raises ValueError unless the supply voltage is above 0."""
         if row["supply_voltage"] <= 0.0:
             raise ValueError(f"supply_voltage is {row['supply_voltage']:g} V; this reference needs a value above 0")
         return super().surroundings(row, reference)
@@ -213,7 +213,6 @@ class Driven(Actuator):
         return mode._replace(drive=self.drive_mode(self.motor(y, mode, around), around))
 
     def events(self, mode: Any, around: Surroundings) -> list[Event]:
-        """Return the events of bodies and drive that end a mode."""
         def motor(y: State) -> Motor:
             return self.motor(y, mode, around)
 

@@ -50,7 +50,7 @@ class Electrohydraulic(Cylinder):
         return [self.p["fin.start_angle"], 0.0, filled, filled, 0.0, 0.0], Mode()
 
     def controller(self, nominal: Electrohydraulic) -> Sample:
-        """Return PI on the piston position; the valve command is the ratio of its speed reference to the largest."""
+        """Return a PI controller of the piston position; the valve command is its speed reference over the largest."""
         full = nominal.p["valve.rated_flow"] / nominal.p["cylinder.area"]
         return PistonLoop(nominal.p, full, lambda speed, _piston, _y: (speed / full, 0.0)).sample
 
@@ -60,7 +60,6 @@ class Electrohydraulic(Cylinder):
         return surroundings(self.p, row, command, self.supply[0])
 
     def outputs(self, y: State, _around: Surroundings) -> State:
-        """Return fin angle [rad], fin rate [rad/s], both pressures [Pa] and valve position [1]."""
         return y[:SPOOL_RATE]
 
     # Equations --------------------------------------------------------------------------------------------
@@ -93,7 +92,6 @@ class Electrohydraulic(Cylinder):
         return w * w * (around.reference - y[SPOOL]) - 2.0 * damping * w * y[SPOOL_RATE]
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
-        """Return d/dt of the state [SI/s] in a mode."""
         rise_1, rise_2 = self.rises(y, around)
         return (y[RATE], self.turning(y, mode.fin, around), 0.0 if mode.void_1 else rise_1,
                 0.0 if mode.void_2 else rise_2, y[SPOOL_RATE],
@@ -102,7 +100,7 @@ class Electrohydraulic(Cylinder):
     # Modes ------------------------------------------------------------------------------------------------
 
     def settled(self, y: State, mode: Mode, around: Surroundings) -> Any:
-        """Return the mode of a state; sets values near a limit to the limit in place."""
+        """Return the mode of a state; set values near a limit to the limit in place."""
         spool, acceleration = FREE, self.spool_acceleration(y, around)
         if abs(y[SPOOL]) >= _CLOSE and y[SPOOL] * y[SPOOL_RATE] >= 0.0 and y[SPOOL] * acceleration >= 0.0:
             y[SPOOL], y[SPOOL_RATE], spool = float(sign(y[SPOOL])), 0.0, 2 * sign(y[SPOOL])
@@ -116,7 +114,6 @@ class Electrohydraulic(Cylinder):
         return super().settled(y, Mode(mode.fin, spool, void_1, void_2), around)
 
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
-        """Return the events that end a mode; events of spool and chambers set the state for the next mode."""
         def faster(side: int) -> Event:
             return Event(lambda y: self.fastest - side * y[SPOOL_RATE], {SPOOL_RATE: side * self.fastest})
 

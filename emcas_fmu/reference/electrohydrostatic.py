@@ -49,7 +49,6 @@ class Electrohydrostatic(Cylinder, Driven):
         self.refill = p["reservoir.pressure"] - p["check_valve.cracking_pressure"]
 
     def start(self) -> tuple[State, Mode]:
-        """Return the state at rest at the start angle, and its mode."""
         void = self.p["oil.cavitation_pressure"]
         filled = max(self.p["reservoir.pressure"], void)
         refilled, empty = filled < self.refill, filled <= void
@@ -57,13 +56,11 @@ class Electrohydrostatic(Cylinder, Driven):
                 Mode(0, 0, FREE, 0, refilled, refilled, empty, empty))
 
     def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
-        """Return the outputs [SI] up to the motor's voltage."""
         return *y[:INTEGRAL], self.voltage(y, around)
 
     # Equations ----------------------------------------------------------------------------------------------
 
     def speed(self, y: State) -> float:
-        """Return the speed of the shaft [rad/s]."""
         return y[SPEED]
 
     def _shaft_torque(self, y: State) -> float:
@@ -90,7 +87,6 @@ class Electrohydrostatic(Cylinder, Driven):
         return p["pump.leakage"] + p["cylinder.internal_leakage"] + opening * p["bypass_valve.conductance"]
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
-        """Return d/dt of the state [SI/s] in a mode."""
         p, across, (displaced, volume_1, volume_2) = self.p, y[ONE] - y[TWO], self.chambers(y)
         pumped = p["pump.displacement"] * y[SPEED] - self._leakage(around) * across - displaced
         if mode.relief:
@@ -106,7 +102,6 @@ class Electrohydrostatic(Cylinder, Driven):
                 *self.electrical(self.motor(y, mode, around), mode.drive, around)]
 
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
-        """Return the events that end a mode."""
         over, void = self.p["relief_valve.pressure"], self.p["oil.cavitation_pressure"]
 
         def below(field: str, chamber: int, level: float) -> Event:
@@ -119,7 +114,7 @@ class Electrohydrostatic(Cylinder, Driven):
     # Controllers --------------------------------------------------------------------------------------------
 
     def controller(self, nominal: Electrohydrostatic) -> Sample:
-        """Return PI on the piston position, P on the motor's speed, and compensation of Coulomb friction."""
+        """Return a PI controller of the piston position and a P controller of the motor's speed with compensation."""
         p = nominal.p
         turns = p["cylinder.area"] / p["pump.displacement"]  # rad/m, motor angle per piston travel
         gain, offset = p["drive.current_gain"], p["drive.current_offset"]

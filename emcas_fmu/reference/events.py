@@ -1,8 +1,8 @@
 """Integration by SciPy of equations with events, from event to event.
 
-An actuator has smooth equations in each of its modes: which bodies slide or stick, which limits act. A mode is a named
-tuple of directions and switches. It ends where one of its event margins, functions of the state [SI] that are above 0
-while it lasts, falls through 0; the first such event changes states and fields of the mode, one after the other.
+A mode is a named tuple: it says which bodies slide or stick and which limits act. Its equations are smooth. Its event
+margins are functions of the state [SI] that are above 0 while the mode lasts. The mode ends where the first of them
+falls through 0; this event changes states and fields of the mode, one after the other.
 
 `Event` is a margin with its changes. The following return the events of one field of the mode:
 
@@ -30,10 +30,10 @@ Value = float | int | bool
 State = list[float]
 Margin = Callable[[State], float]
 Changes = Mapping[int | str, Value | Callable[[State, Any], Value]]
-"""New values of states, by index, and of the mode's fields, by name. A function computes a value from the state, with
-the preceding changes made, and the surroundings."""
+"""New values of states, by index, and of the mode's fields, by name. A function computes a value from the state, after
+the preceding changes, and the surroundings."""
 
-_MOST_STALLS = 20  # events without progress in time, at most
+_MOST_STALLS = 20  # largest number of events in a row without progress in time
 
 
 class Event:
@@ -64,9 +64,9 @@ class Event:
 class Body(NamedTuple):
     """A body under dry friction.
 
-    `field` names its direction in the mode. `speed` is its sliding speed, `rest` the other changes when it stops.
-    `excess` returns the force or torque on the resting body beyond stiction, from state, mode, surroundings and side.
-    The body comes to rest where the magnitude of its angle reaches `stop`.
+    `field` names its direction in the mode. `speed` returns its sliding speed; `rest` are the other changes when it
+    stops. `excess` returns the force or torque on the resting body towards a side beyond stiction, from state, mode,
+    surroundings and side. The body comes to rest where the magnitude of its angle reaches `stop`.
     """
 
     field: str
@@ -114,8 +114,8 @@ def switch(mode: Any, field: str, value: Margin) -> Event:
 class Accuracy(NamedTuple):
     """Tolerances and largest step [s] of an integration.
 
-    The absolute tolerances are `rtol` times `scales`, in the units of the states. SciPy compares margins at the ends
-    of a step, so it misses two zeros of a margin within one step.
+    The absolute tolerances are `rtol` times `scales`, in the units of the states. SciPy compares margins only at the
+    ends of a step: it misses two zeros of a margin within one step.
     """
 
     rtol: float

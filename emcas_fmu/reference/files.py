@@ -3,7 +3,7 @@
     EMCAS_<case>_in.csv    input columns, one row per communication point
     EMCAS_<case>_ref.csv   the response at the same times
     EMCAS_<case>_ref.opt   start, stop, step size and relative tolerance
-    provenance.toml        how each file was made, and hashes that show whether it has changed since
+    provenance.toml        how each file was made, and hashes that show later changes
 
 Layout: https://github.com/modelica/fmi-cross-check/blob/master/FMI-CROSS-CHECK-RULES.md
 """
@@ -41,9 +41,9 @@ Simulate = Callable[[Mapping[str, Value], Mapping[str, Array]], Mapping[str, Arr
 # Overrides added to a case without encoder: the other sensors also measure true values, and the actuator is homed at
 # the start, since it follows no command before.
 _TRUE_ANGLE: Mapping[str, Value] = {"transducer.resolution": 0.0, "homing.required": False}
-# Tolerance of an output without an entry below, relative to its nominal value: enough for a less accurate integrator.
+# Tolerance of an output that is not in TOLERANCES, relative to its nominal value; a less accurate integrator meets it.
 _RELATIVE = 1e-6
-# Largest magnitude in a column: far above the values of actuators, but sums of squares are still finite.
+# Largest magnitude in a column: far above any value of an actuator; sums of squares are still finite.
 _LARGEST = 1e100
 # Largest difference of a recomputed response from the stored one. Both have the integration error: tightening rtol
 # tenfold moves no case by more than 1e-10 of a variable's range. Rounding to nine digits adds at most 5e-9 of the
@@ -78,7 +78,7 @@ def simulator(model: str) -> Simulate:
 
 
 def supply_start(model: str, values: Mapping[str, Value]) -> float:
-    """Return the start value of supply_voltage [V] of an actuator; the default actuator's without such an input."""
+    """Return the start value [V] of an actuator's supply_voltage, or without this input the default actuator's."""
     return next((float(v.initial(values)) for v in get(model).inputs if v.name == "supply_voltage"), SUPPLY)
 
 
@@ -156,8 +156,7 @@ def csv_text(columns: Mapping[str, Array], digits: int = SIGNIFICANT_DIGITS) -> 
 def read_csv(path: Path) -> dict[str, Array]:
     """Return the columns [rows], in SI, of a file written by `csv_text`; a column of arrays is [rows, elements].
 
-    Raises ValueError for a table without rows, for cells that are missing or not numbers, and for a column with too
-    large numbers.
+    Raises ValueError for a table without rows, for cells that are missing or not numbers, and for too large numbers.
     """
     header, *rows = path.read_text("utf-8").splitlines() or [""]
     names = header.split(",")
@@ -191,10 +190,10 @@ def remedy(directory: Path) -> str:
 
 def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Progress = silent,
                parameters: ParameterSet | None = None) -> None:
-    """Compute the named cases (default all) and write their files and the provenance into `directory`.
+    """Compute the named cases (default all), then write their files and the provenance into `directory`.
 
-    Nothing is written before all are computed. `parameters` defaults to the shipped set. Raises EmcasError for an
-    unknown case and for an actuator without an independent reference.
+    `parameters` defaults to the shipped set. Raises EmcasError for an unknown case and for an actuator without an
+    independent reference.
     """
     used = parameters or load_parameters()
     simulate = simulator(used.model)

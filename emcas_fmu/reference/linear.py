@@ -10,9 +10,9 @@ The assembly angle is zero and the fin angle small, so that the reduction ratio 
 
 The plant's N, J_eq, B_eq, K_t and K_e are those of the actuator as built; those of the controllers are nominal, without
 ``deviation.*``. The model has no limits, Coulomb friction, friction compensation, current offset, encoder counts or
-loads. The command is delayed by whole samples, but not rounded, and held for one sample. The controllers are sampled at
-T_s. The plant between samples is solved exactly by matrix exponentials, without integration error. Of the nonlinear
-reference, only the parameters as built and their dependence on temperature are shared.
+loads. The command is delayed by whole samples and held for one sample; it is not rounded. The controllers are sampled
+at T_s. The plant between samples is solved by matrix exponentials, without integration error. The nonlinear reference
+shares only the parameters as built and their dependence on temperature.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class LinearModel:
     ``sample_time`` is in s; the input is the fin command [rad], the output the fin angle [rad]. ``update``, ``drive``
     and ``output`` are its matrices; ``written`` is the effect on the next state of a voltage added to the DAC value.
     The state is motor angle, speed, current, xi, I, V, r_k-1, m and the DAC values on their way to the drive.
-    Raises EmcasError if it is not valid for the parameters (`obstacle`).
+    Raises EmcasError if the model is not valid for the parameters (`obstacle`).
     """
 
     def __init__(self, values: Mapping[str, Any]) -> None:

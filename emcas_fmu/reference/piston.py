@@ -1,5 +1,4 @@
-"""Lever, cylinder and position loop of the hydraulic actuators: the loop computes the piston's position
-from the fin's transducer.
+"""Lever, cylinder and position loop of the hydraulic actuators.
 
 The state begins with fin angle [rad], fin rate [rad/s] and the pressures of both chambers [Pa].
 """
@@ -62,17 +61,17 @@ class Cylinder(Actuator, ABC):
         return net / (self.inertia + mass * ratio**2)
 
     def chambers(self, y: State) -> tuple[float, float, float]:
-        """Return the rate [m3/s] at which the first chamber grows, as the second shrinks, and both volumes [m3]."""
+        """Return the rate [m3/s] at which the first chamber grows and the second shrinks, and both volumes [m3]."""
         position, ratio, _ = lever(self.p, y[FIN])
         area, dead = self.p["cylinder.area"], self.p["cylinder.dead_volume"]
         return area * ratio * y[RATE], dead + area * position, dead - area * position
 
 
 class PistonLoop:
-    """PI on the piston position from the fin's transducer, with a speed reference of at most `fastest` [m/s].
+    """PI controller of the piston position, which is computed from the transducer's fin angle.
 
-    `inner` returns the loop's output and the excess of its demand over the limits, from the speed reference [m/s], the
-    measured position [m] and the state.
+    The speed reference is at most `fastest` [m/s]. From this reference, the measured position [m] and the state,
+    `inner` returns the loop's output and the excess of its demand over the limits.
     """
 
     def __init__(self, p: Mapping[str, float], fastest: float,
@@ -94,7 +93,7 @@ class PistonLoop:
         return lever(self.p, step * math.floor(angle / step + 0.5) if step else angle)[0]
 
     def sample(self, y: State, command: float, enable: bool) -> float:
-        """Return the output, as of `inner`, at a state of the actuator under a command [rad]; 0 if disabled."""
+        """Return the output of `inner` at a state of the actuator under a command [rad]; 0 if disabled."""
         p, piston = self.p, self.read(y[FIN])
         if not enable:
             self._reset(piston)

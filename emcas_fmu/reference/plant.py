@@ -22,7 +22,7 @@ from .vehicle import Surroundings
 class Mode(NamedTuple):
     """`motion` is the direction of sliding, or 0 while friction or a stop holds the fin; `drive` is the drive's mode.
 
-    With an elastic gear `fin` is the direction of the fin. `flank` is the side on which the teeth of a gear press.
+    `fin` is the direction of the fin behind an elastic gear, `flank` the side on which the teeth of a gear press.
     """
 
     motion: int = 0
@@ -46,28 +46,23 @@ class Plant(Screw, Driven):
         self.bodies = Body("motion", itemgetter(1), self.excess, rest, 0, self.stop),
 
     def start(self) -> tuple[State, Mode]:
-        """Return the state at rest at the start angle, and its mode."""
         return [self.p["fin.start_angle"], 0.0, 0.0, 0.0], Mode()
 
     def controller(self, nominal: Screw) -> Sample:
-        """Return position and velocity loop with the encoder, behind a trajectory generator if there is one."""
+        """Return the position and velocity loops, with a trajectory generator before them if there is one."""
         loops = (Following if nominal.p.get("trajectory.natural_frequency") else Controllers)(self, nominal)
         return lambda y, command, enable: loops.sample(y[0], y[1], command, enable, y[2])
 
     def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
-        """Return fin angle [rad], fin rate [rad/s], motor current [A] and motor voltage [V]."""
         return *y[:3], self.voltage(y, around)
 
     def speed(self, y: State) -> float:
-        """Return the speed of the motor [rad/s]."""
         return self.ratio(y[0]) * y[1]
 
     def acceleration(self, y: State, mode: Mode, around: Surroundings) -> float:
-        """Return the acceleration of the motor [rad/s2]."""
         return self.ratio(y[0]) * (self.turning(y, mode, around) + self.bend(y[0]) * y[1] ** 2)
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
-        """Return the time derivative of the state: rad/s, rad/s2, A/s, V/s."""
         return y[1], self.turning(y, mode, around), *self.electrical(self.motor(y, mode, around), mode.drive, around)
 
     def turning(self, y: State, mode: Mode, around: Surroundings) -> float:
@@ -103,11 +98,9 @@ class Geared(Plant):
                           "screw.lead": 1.0, "mass.nut": 0.0, "inertia.screw": inertia})
 
     def motor_angle(self, delta: float) -> float:
-        """Return the motor angle [rad] at fin angle `delta` [rad]."""
         return self.turns * delta
 
     def fin_angle(self, theta: float) -> float:
-        """Return the fin angle [rad] at motor angle `theta` [rad]."""
         return theta / self.turns
 
     def ratio(self, delta: float) -> float:

@@ -1,4 +1,4 @@
-"""Independent response of an actuator to a case: stored, cached or integrated."""
+"""The independent response of an actuator to a case: stored, cached or integrated."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from . import files, stored
 from .cases import Case
 from .events import Array, Value
 
-_KEPT = 256  # cached responses, about 35 kB each
-_EXACT = 17  # significant digits that preserve every float; fewer would put values on edges of an FMU's rounding
+_KEPT = 256  # largest number of cached responses, each about 35 kB
+_EXACT = 17  # significant digits, which preserve every float: references in an FMU are rounded only once
 
 
 def shipped(parameters: ParameterSet, case: Case) -> dict[str, Array] | None:
@@ -39,15 +39,16 @@ def shipped(parameters: ParameterSet, case: Case) -> dict[str, Array] | None:
 
 @cache
 def _stored(folder: Path, name: str) -> stored.Stored | None:
-    """Return a stored case, None if its name is unknown; cached, since a build of an FMU needs it several times."""
+    """Return a stored case, None if its name is unknown; cached, since the build of an FMU needs it several times."""
     return stored.load(folder, [name])[0] if name in files.read_provenance(folder) else None
 
 
 def response(parameters: ParameterSet, case: Case) -> dict[str, Array]:
     """Return `time` [s] and the outputs [SI] of the independent integration of an actuator.
 
-    The response is stored, in the user's cache, or integrated in a second or two. A user's own actuator is integrated
-    at each call, since the cache would not notice a change of its file. Raises EmcasError without an integration.
+    The response is the shipped one, or is read from the user's cache, or integrated in a second or two. A user's own
+    actuator is integrated at each call, since the cache would not notice a change of its file. Raises EmcasError for an
+    actuator without an integration.
     """
     if (known := shipped(parameters, case)) is not None:
         return known
@@ -78,7 +79,7 @@ def _cache_path(model: str, values: Mapping[str, Value], inputs: Mapping[str, Ar
 
 
 def _write_cached(path: Path, columns: Mapping[str, Array]) -> None:
-    """Write a response to the cache and delete the oldest ones; ignore a cache that cannot be written."""
+    """Write a response to the cache and delete its oldest responses; ignore a cache that cannot be written."""
     try:
         path.parent.mkdir(exist_ok=True)
         write(path, files.csv_text(columns, _EXACT))

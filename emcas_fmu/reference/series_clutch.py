@@ -57,17 +57,14 @@ class SeriesClutch(Driven):
         self.forward, self.backward = 1.0 / p["efficiency.forward"], p["efficiency.backward"]
 
     def start(self) -> tuple[State, Mode]:
-        """Return the state and the mode at the start."""
         p, engaged = self.p, self.p["coil.connected"] * self.p["clutch.rated_current"]
         return [p["fin.start_angle"], 0.0, 0.0, 0.0, 0.0, engaged, engaged, p["friction.temperature"]], Mode()
 
     def controller(self, nominal: SeriesClutch) -> Sample:
-        """Return the thesis's controllers."""
         loops = Controllers(self.screw, nominal.whole)
         return lambda y, command, enable: loops.sample(y[FIN], y[RATE], command, enable, y[CURRENT])
 
     def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
-        """Return the outputs [SI] up to the clutch's temperature [degC]."""
         return *y[:INTEGRAL], self.voltage(y, around), y[COIL], y[TEMPERATURE]
 
     # Parts --------------------------------------------------------------------------------------------------
@@ -96,7 +93,7 @@ class SeriesClutch(Driven):
                 - way * s.coulomb_factor * s.motor_coulomb(y[FIN], way))
 
     def _fin(self, y: State, way: int, around: Surroundings) -> tuple[float, float]:
-        """Return the fin's inertia [kg.m2] and moment [N.m] at the nut: M = inertia * acceleration + moment."""
+        """Return inertia [kg.m2] and moment [N.m] about the hinge in M = inertia * acceleration + moment."""
         s, delta, rate = self.screw, y[FIN], y[RATE]
         ratio, nut = s.ratio(delta), self.p["mass.nut"] * s.lead**2
         outside = s.loads(delta, around) + ratio * self.screw_inertia * around.faster[0]  # the screw's share
@@ -144,7 +141,6 @@ class SeriesClutch(Driven):
         return self._accelerations(y, mode, around)[1]
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
-        """Return d/dt of the state [SI/s] in a mode."""
         heat = mode.slip * self.coil.limit(y) * (y[ROTOR] - self.turning(y))
         electrical = self.electrical(self.motor(y, mode, around), mode.drive, around)
         return [y[RATE], *self._accelerations(y, mode, around), *electrical,
@@ -172,7 +168,7 @@ class SeriesClutch(Driven):
         return mode._replace(load=sign(driving)) if abs(driving) > _KEPT else mode
 
     def settled(self, y: State, mode: Mode, around: Surroundings) -> Any:
-        """Return the mode in which clutch, screw and rotor, unless they slide in `mode`, stick if they can."""
+        """Return the mode in which clutch, screw and rotor that do not slide in `mode` stick if they can."""
         screw, rotor, slip = mode[:3]
         up, down, most, least = self._starts(y, around)
         limit = self.coil.limit(y)
@@ -193,11 +189,9 @@ class SeriesClutch(Driven):
         return self._with_load(y, mode._replace(screw=screw, rotor=rotor, slip=slip), around)
 
     def admit(self, y: State, mode: Mode, around: Surroundings) -> Any:
-        """Return the mode after a jump of the surroundings; see :meth:`.Driven.admit`."""
         return super().admit(y, self.coil.admit(y, mode, self.reference(around), around.supply), around)
 
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
-        """Return the events that end a mode."""
         return [*(self._moving_events(mode, around) if mode.screw else self._rest_events(mode, around)),
                 *(self._slip_events(mode, around) if mode.slip else ()),
                 *self.coil.events(mode, self.reference(around), around.supply), *super().events(mode, around)]

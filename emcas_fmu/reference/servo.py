@@ -41,7 +41,6 @@ class Servo(Actuator):
                        Body("fin", lambda y: y[RATE], self.excess_of_fin, {RATE: 0.0}, FIN, p["fin.stop_angle"]))
 
     def start(self) -> tuple[State, Mode]:
-        """Return the state at rest at the start angle, and its mode."""
         angle = self.p["fin.start_angle"]
         return [angle, 0.0, self.ratio * angle, 0.0], Mode()
 
@@ -74,7 +73,6 @@ class Servo(Actuator):
         return surroundings(self.p, row, reference, self.supply[0])
 
     def outputs(self, y: State, _around: Surroundings) -> State:
-        """Return fin angle [rad], fin rate [rad/s], motor angle [rad] and motor speed [rad/s]."""
         return y
 
     # Equations --------------------------------------------------------------------------------------------
@@ -128,14 +126,12 @@ class Servo(Actuator):
         return side * self.on_fin(y, mode.contact, around) - self.hinge_dry
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
-        """Return d/dt of the state [SI/s] in a mode."""
         motor = (self.on_motor(y, mode.contact, around) - mode.motor * self.rubbing(y, mode.contact, around)
                  ) / self.rotor * self.ratio
         fin = (self.on_fin(y, mode.contact, around) - mode.fin * self.hinge_dry) / self.inertia
         return y[RATE], fin * bool(mode.fin), y[SPEED], motor * bool(mode.motor)
 
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
-        """Return the events that end a mode."""
         half, events = self.half_play, super().events(mode, around)
         return [*events, *band(mode, "contact", self.windup, -half, half)] if half else events
 

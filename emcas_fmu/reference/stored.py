@@ -71,10 +71,10 @@ class Stored:
 
 
 def load(folder: Path, names: Sequence[str] | None, needed: Iterable[str] = ()) -> list[Stored]:
-    """Return the named cases of a folder; without names all of them, which must include the `needed` ones.
+    """Return the named cases of a folder; without names all of them, which must include the `needed` cases.
 
-    Raises EmcasError for an unknown or missing case, for a missing folder, for files that differ from the provenance,
-    and for an incomplete provenance.
+    Raises EmcasError for an unknown or missing case, a missing folder, files that differ from the provenance, and an
+    incomplete provenance.
     """
     remedy = files.remedy(folder)
     if not folder.is_dir():

@@ -1,9 +1,9 @@
 """Trajectory generator and feed-forward in front of the thesis's loops.
 
-The generator has angle r, rate and acceleration, natural frequency W and damping z. Its target rate is that of a linear
-system, e W/(2 z), while the remaining angle e to the command is small, and otherwise that of braking with 0.8 a_max.
-Its rate approaches the target with the time constant 1/(2 z W). The loops' command is r delayed by the drive's delay
-and the current's lag, read from a history of r.
+The generator has angle r, rate and acceleration, natural frequency W and damping z. With a small remaining angle e to
+the command its target rate is that of a linear system, e W/(2 z), otherwise that of braking with 0.8 a_max. Its rate
+approaches the target with the time constant 1/(2 z W). The loops' command is r delayed by the drive's delay and the
+current's lag, read from a history of r.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from .controllers import Controllers
 from .screw import Screw
 from .vehicle import clip
 
-# Parameters of the loops behind the generator.
+# Values of the loops' parameters behind the generator.
 _FOLLOWING = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 1.0,
               "command.update_time": 0.0}
 

@@ -1,4 +1,4 @@
-"""Integration of the worm-gear actuator: worm and wheel with the force between their flanks, same drive and loops.
+"""Integration of the worm-gear actuator: worm and wheel, with the thesis's drive and loops.
 
 A normal force F on the flank and friction mu |F| against its sliding are resolved at the pitch cylinder into the axial
 force, which turns the wheel, and the tangential one, which brakes the worm. The ratio of the accelerations of both

@@ -52,7 +52,6 @@ class MeshPlant(WormPlant):
         return [*state, state[0], 0.0], mode
 
     def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
-        """Return fin angle [rad], fin rate [rad/s], motor current [A] and motor voltage [V]."""
         return *y[4:], *super().outputs(y, around)[2:]
 
     # Forces -----------------------------------------------------------------------------------------------
@@ -85,7 +84,6 @@ class MeshPlant(WormPlant):
         return self._worm_torque(y, mode, around, way) / (self.motor_inertia * self.turns) if way else 0.0
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
-        """Return d/dt of the state [SI/s] in a mode."""
         fin = self._fin_moment(y, mode, around, mode.fin) / self.fin_inertia if mode.fin else 0.0
         return *super().slope(y, mode, around), y[5], fin
 
@@ -107,13 +105,11 @@ class MeshPlant(WormPlant):
         return min(self.stiffness * self._penetration(y, side), self._pressure(y, side)) - _LEFT
 
     def settled(self, y: State, mode: Mode, around: Surroundings) -> Any:
-        """Return the mode in which each body at rest starts if nothing holds it."""
         if not self.half_gap and not mode.flank:
             mode = mode._replace(flank=1 if self._pressure(y, 1) >= 0.0 else -1)
         return Driven.settled(self, y, mode, around)
 
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
-        """Return the events that end `mode`."""
         events = Driven.events(self, mode, around)
         if mode.flank:
             left = 0 if self.half_gap else -mode.flank

@@ -83,9 +83,9 @@ def sound(parameters: ParameterSet) -> ParameterSet:
 
 def obstacle(parameters: ParameterSet) -> str:
     """Return the reason why an actuator with a sampled position loop has no margins at 0; otherwise empty."""
-    homed = sound(parameters)
+    plain_set = sound(parameters)
     try:
-        return LinearActuator(homed.values, model=homed.model).idle
+        return LinearActuator(plain_set.values, model=plain_set.model).idle
     except NotLinearError as error:
         return str(error)
     except (EmcasError, ArithmeticError):  # its margins have no value

@@ -87,13 +87,13 @@ class Equations:
 
 
 def plain(model: str) -> str:
-    """Return the model without the extensions that a linear model leaves out: the actuator is homed and sound."""
+    """Return the model without the extensions homing and faults, which a linear model leaves out."""
     actuator, extensions = parts(model)
     return "+".join((actuator, *(each for each in extensions if each not in ("homing", "faults"))))
 
 
 class Unquantised:
-    """Symbolic operations without quantisation; a limit is a choice with, at the limit, the slope inside it."""
+    """Symbolic operations without quantisation; a value at a limit has the slope inside the limit."""
 
     where: Callable[..., Value]
 

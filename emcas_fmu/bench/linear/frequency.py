@@ -17,7 +17,7 @@ _NARROW = 0.1  # damping ratio below which a resonance or notch needs additional
 # Distances of these frequencies from the resonance or notch, in half widths.
 _NEAR = np.concatenate([-np.geomspace(20.0, 0.05, 24), [0.0], np.geomspace(0.05, 20.0, 24)])
 _LOCAL = 20  # points on each side of a crossing; more change a cubic spline there by 0.27^20 = 4e-12 of their change
-_AT_A_POLE = 1e-6  # largest distance of a pole that counts as an end of the frequencies; rounding moves poles by 1e-8
+_AT_A_POLE = 1e-6  # distance from an end of the frequencies within which a pole is at it; rounding moves poles by 1e-8
 
 
 def frequencies(highest: float, lowest: float = LOWEST) -> Array:
@@ -112,8 +112,8 @@ def margins(loop: System, grid: Array | None = None) -> Margins:
     """Return the margins of a loop transfer function L, by its exact frequency response.
 
     python-control locates the crossovers between the frequencies [Hz] of `grid`, by default a fine grid, with splines.
-    Frequencies are added about narrow resonances and notches. A loop may also be on the negative real axis at the ends
-    of the frequencies: at 0 Hz, and for a sampled loop at half the sample rate.
+    Frequencies are added about narrow resonances and notches. Gain margins are also computed where the loop is negative
+    at the ends of the frequencies: at 0 Hz, and for a sampled loop at half the sample rate.
     """
     grid = _refined(loop, frequencies(highest(loop)) if grid is None else grid)
     response = evaluate(loop, grid)
@@ -145,7 +145,7 @@ def _near_crossings(response: Array) -> Array:
 
 
 def _ends(loop: System) -> list[tuple[float, float]]:
-    """Return the gain margins [1] and frequencies [Hz] at those ends of the frequencies where the loop is negative."""
+    """Return gain margins [1] and frequencies [Hz] at the ends of the frequencies at which the loop is negative."""
     ends = [(1.0 if loop.dt else 0.0, 0.0), *([(-1.0, 0.5 / float(loop.dt))] if loop.dt else [])]
     poles = loop.poles()
     values = [(complex(loop(at)).real, hertz) for at, hertz in ends if np.all(np.abs(poles - at) > _AT_A_POLE)]

@@ -1,4 +1,4 @@
-"""A plant at rest, linearised there."""
+"""The plant at rest, and its linear model there."""
 
 from __future__ import annotations
 
