@@ -31,17 +31,17 @@ _DASHES = ("-", (0, (4, 1.5)), (0, (1, 1)))
 
 
 def _look(results: Results, actuator: str) -> dict[str, Any]:
-    """Colour and dashes of an actuator's lines; FMUs in the order in which they are flown."""
+    """Return colour and dashes of an actuator's lines; those of FMUs differ in the order of their flights."""
     if actuator not in results.units:
         return {"color": _COLORS[actuator]}
-    round_, place = divmod(list(results.units).index(actuator), len(_OF_FMUS))
-    return {"color": _OF_FMUS[place], "linestyle": _DASHES[round_ % len(_DASHES)]}
+    dashes, color = divmod(list(results.units).index(actuator), len(_OF_FMUS))
+    return {"color": _OF_FMUS[color], "linestyle": _DASHES[dashes % len(_DASHES)]}
 
 
 def of_manoeuvre(results: Results, name: str) -> Iterator[Drawing]:
-    """Yield each picture of a manoeuvre."""
+    """Yield the pictures of a manoeuvre."""
     flown = results.flights[name]
-    # The stiff bus is beside the other in its own picture, and would hide it in the rest.
+    # The flight on the stiff bus is in the picture of the bus only: elsewhere its lines would hide others.
     few = {actuator: f for actuator, f in flown.items() if actuator != STIFF or len(flown) == 1}
     if IDEAL in flown and any(unit in flown for unit in results.units):
         yield kinds(results, name)
@@ -52,19 +52,19 @@ def of_manoeuvre(results: Results, name: str) -> Iterator[Drawing]:
 
 
 def kinds(results: Results, name: str) -> Drawing:
-    """Pitch and what the attitude differs by from the ideal fins', beside the energy that each kind of actuator draws.
+    """Return the plots of pitch, of the attitude's difference from that of ideal fins, and of each actuator's energy.
 
-    Needs a flight with ideal fins and one of an FMU.
+    A flight with ideal fins and one with an FMU are necessary.
     """
     flown = {each: f for each, f in results.flights[name].items() if each not in (UNDELAYED, STIFF)}
-    drawn, grid = figure(2, 2, width=11.0, height=3.0, width_ratios=[3, 2])
+    plot, grid = figure(2, 2, width=11.0, height=3.0, width_ratios=[3, 2])
     (pitch, energy), (apart, share) = grid
     ideal = flown[IDEAL]
     begin = ideal["wanted_pitch_rad"][0]
     pitch.plot(_thin(ideal["time"]), np.degrees(_thin(ideal["wanted_pitch_rad"]) - begin), color=GRAY, linewidth=0.8,
                linestyle="--", label="wanted")
     for actuator, flight in flown.items():
-        wide = actuator == next(iter(results.units))  # others like it would hide it
+        wide = actuator == next(iter(results.units))  # similar lines would hide it
         look = {**_look(results, actuator), "linewidth": 3.0 if wide else 1.1, "alpha": 0.55 if wide else 1.0,
                 "label": _kind(actuator, flight)}
         time = _thin(flight["time"])
@@ -93,22 +93,22 @@ def kinds(results: Results, name: str) -> Drawing:
     share.set(xlabel="energy drawn, hatched: returned [kJ]")
     pitch.set_title(results.manoeuvres[name].title)
     energy.set_title("Four fins")
-    drawn.legend(*pitch.get_legend_handles_labels(), loc="outside upper center", ncols=5)
+    plot.legend(*pitch.get_legend_handles_labels(), loc="outside upper center", ncols=5)
     return Drawing(
-        "Kinds of actuators", drawn, f"{results.manoeuvres[name].title}. Below, how far the attitude is from that of "
-        "ideal fins, as one turn; right, energy of all four fins, electric from the bus, hydraulic from the pressure "
-        "line; a second-order actuator knows the mechanical work against the hinge moments alone.")
+        "Kinds of actuators", plot, f"{results.manoeuvres[name].title}. Below: angle of the rotation from the "
+        "attitude with ideal fins. Right: energy of all four fins, electric from the bus or hydraulic from the "
+        "pressure line; that of a second-order actuator is mechanical work against the hinge moments.")
 
 
 def _kind(actuator: str, flight: Flight) -> str:
-    """Name of an actuator, with what its power is unless that is electric."""
+    """Return the name of an actuator, with the kind of its power unless this is electric."""
     words = "" if actuator == IDEAL or power_kind(flight) == "electric" else f" ({power_kind(flight)})"
     return f"{actuator}{words}"
 
 
 def attitude(results: Results, name: str, flown: Mapping[str, Flight]) -> Drawing:
-    """Roll, pitch and yaw from where they began."""
-    drawn, grid = figure(len(AXES), 1, width=9.0, height=1.9, sharex=True)
+    """Return the plots of roll, pitch and yaw, relative to the launch."""
+    plot, grid = figure(len(AXES), 1, width=9.0, height=1.9, sharex=True)
     for axes, axis in zip(grid[:, 0], AXES, strict=True):
         for actuator, flight in flown.items():
             time, begin = _thin(flight["time"]), flight[f"wanted_{axis}_rad"][0]
@@ -120,12 +120,12 @@ def attitude(results: Results, name: str, flown: Mapping[str, Flight]) -> Drawin
         axes.set_ylabel(f"{axis} [deg]")
     _legend(grid[0, 0])
     grid[-1, 0].set_xlabel("time [s]")
-    return Drawing("Attitude", drawn, f"{results.manoeuvres[name].title}. Angles from those at launch.")
+    return Drawing("Attitude", plot, f"{results.manoeuvres[name].title}. Angles relative to the launch.")
 
 
 def actuation(results: Results, flown: Mapping[str, Flight]) -> Drawing:
-    """Fin 1, its rate and hinge moment, and the power of all four."""
-    drawn, grid = figure(4, 1, width=9.0, height=1.9, sharex=True)
+    """Return the plots of angle, rate and hinge moment of fin 1, and of the power of all four fins."""
+    plot, grid = figure(4, 1, width=9.0, height=1.9, sharex=True)
     first, rates, moments, power = grid[:, 0]
     for actuator, flight in flown.items():
         look, label, time = _look(results, actuator), results.labels[actuator], _thin(flight["time"])
@@ -147,22 +147,22 @@ def actuation(results: Results, flown: Mapping[str, Flight]) -> Drawing:
     if power.lines:
         _legend(power)
     power.set_xlabel("time [s]")
-    return Drawing("Actuators", drawn, f"Fin 1 and the power of all four.{shaded} An ideal actuator has no finite rate "
-                   "or power after a step, and is left out there.")
+    return Drawing("Actuators", plot, f"Fin 1 and the power of all four fins.{shaded} Rate and power of an ideal "
+                   "actuator are not finite after a step, and are left out.")
 
 
 def bus(results: Results, flown: Mapping[str, Flight]) -> Drawing:
-    """Voltage at the drives, current and power of all four: the whole flight, and where the voltage is lowest."""
-    drawn, grid = figure(3, 2, width=9.0, height=1.9, sharex="col", width_ratios=[2, 1])
+    """Return the plots of the bus's voltage, current and power in the whole flight and around the lowest voltage."""
+    plot, grid = figure(3, 2, width=9.0, height=1.9, sharex="col", width_ratios=[2, 1])
     columns = {"bus_voltage_v": "voltage [V]", "bus_current_a": "current [A]", "power_w": "power [W]"}
-    # The stiff bus first, under the other.
+    # The stiff bus is plotted first, under the other.
     on_bus = {a: f for a, f in sorted(flown.items(), key=lambda each: each[0] != STIFF) if "bus_voltage_v" in f}
     sagging = list(on_bus.values())[-1 if STIFF in on_bus else 0]
     lowest = float(sagging["time"][np.argmin(sagging["bus_voltage_v"])])
     for pair, (column, label) in zip(grid, columns.items(), strict=True):
         for axes in pair:
             for actuator, flight in on_bus.items():
-                # Every row: peaks last some milliseconds.
+                # All rows, since peaks last some milliseconds.
                 axes.plot(flight["time"], flight[column], **_look(results, actuator), label=results.labels[actuator],
                           linewidth=0.9)
         pair[0].set_ylabel(label)
@@ -170,16 +170,16 @@ def bus(results: Results, flown: Mapping[str, Flight]) -> Drawing:
     for axes in grid[-1]:
         axes.set_xlabel("time [s]")
     _legend(grid[0, 0])
-    return Drawing("Bus", drawn, "Voltage at the drives, current and power of all four; right, around the lowest "
-                   "voltage. Negative: the motors brake and feed the bus.")
+    return Drawing("Bus", plot, "Voltage at the drives, current and power of all four fins; right: around the lowest "
+                   "voltage. Negative current and power: the motors brake and feed the bus.")
 
 
 def convergence(results: Results) -> Drawing:
-    """Errors against the communication step."""
-    drawn, grid = figure(1, 2, width=9.0, height=3.4, sharey=True)
+    """Return the plots of errors over the communication step."""
+    plot, grid = figure(1, 2, width=9.0, height=3.4, sharey=True)
     for axes, quantity in zip(grid[0], ("attitude", "fins"), strict=True):
-        for name, found in results.convergence.items():
-            axes.loglog(found.steps * 1e3, getattr(found, quantity), marker=".", label=name,
+        for name, each in results.convergence.items():
+            axes.loglog(each.steps * 1e3, getattr(each, quantity), marker=".", label=name,
                         **(_look(results, name) if name in (*results.units, *_COLORS) else {}))
         steps = next(iter(results.convergence.values())).steps * 1e3
         for order in (1, 2):
@@ -191,14 +191,15 @@ def convergence(results: Results) -> Drawing:
         axes.set_xticks([], minor=True)
     grid[0, 0].set_ylabel("error [deg]")
     grid[0, 0].legend(loc="best")
-    return Drawing("Convergence", drawn, "Against a flight with 0.0625 ms; dashed: slopes of first and second order.")
+    return Drawing("Convergence", plot, "Errors against a flight with 0.0625 ms; dashed: slopes of first and second "
+                   "order.")
 
 
 def _legend(axes: Axes) -> None:
-    """Above the axes, where it covers nothing."""
+    """Put a legend above the axes."""
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=4, borderpad=0.0)
 
 
 def _thin(column: Array) -> Array:
-    """A picture needs no more than 2000 points."""
+    """Return a column thinned to about 2000 points, which are enough for a picture."""
     return column[::max(1, len(column) // 2000)]

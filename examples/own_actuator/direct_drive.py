@@ -2,14 +2,14 @@
 
     J d2(delta)/dt2 = K_t i - k delta - b d(delta)/dt + T        L di/dt = v - R i - K_e d(delta)/dt
 
-J is that of rotor, fin, shaft and fork, and T the hinge moment of aerodynamics and of the vehicle's motion: gravity,
-acceleration, rotation. A PI controller with damping asks for the voltage v:
+J is the inertia of rotor, fin, shaft and fork; T is the hinge moment of aerodynamics and of the vehicle's motion
+(gravity, acceleration, rotation). A PI controller with damping computes the demand u:
 
     u = k_p (b_c delta_c - delta) + I - k_d d(delta)/dt          dI/dt = k_i (delta_c - delta)
 
-It is held for a sample time and clipped at the supply; while it is clipped, the integral waits. A fault of its kind,
-for the extension faults: magnets that have lost a share of their flux. Every value is an estimate, sized for a hinge
-moment of 100 N.m on 39 V.
+The voltage v is u, clipped at the supply and held for a sample time; while u is clipped, I is constant. The extension
+faults can demagnetise the motor: the magnets then have only a share of their flux. Every value is an estimate for a
+hinge moment of 100 N.m on 39 V.
 """
 
 from pathlib import Path
@@ -42,7 +42,7 @@ MOTOR_VOLTAGE = em.real_output("motor_voltage", "V", "voltage on the winding", 1
 
 
 def sample(ops, p, x, inputs):
-    """Ask for a voltage, once a sample time; nothing while disabled."""
+    """Return the voltage reference, the integral and the flag of a limit at a sample; 0 V while disabled."""
     c = p.controller
     command = em.fin_port.clipped_command(ops, p, inputs.command)
     demand = c.kp * (c.setpoint_weight * command - x.fin_angle) + x.integral - c.kd * x.fin_rate
@@ -55,7 +55,7 @@ def sample(ops, p, x, inputs):
 
 
 def voltage(ops, u):
-    """Return the voltage on the winding: that asked for, as far as the supply reaches; none while disabled."""
+    """Return the voltage on the winding: the reference within the supply's limits, 0 V while disabled."""
     return ops.where(u.enabled, ops.clip(u.reference, -u.supply, u.supply), 0.0)
 
 

@@ -1,4 +1,4 @@
-"""The direct drive integrated by SciPy, from its equations and nothing of the package, for `emcas validate`."""
+"""The direct drive integrated by SciPy, without any function of the package, for `emcas validate`."""
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -8,9 +8,9 @@ ATTITUDE = ["attitude.roll", "attitude.pitch"]
 
 
 def of_vehicle(p, row):
-    """Return the moment [N.m] on fin and rotor about the hinge of a vehicle's motion, as a function of fin angle [rad].
+    """Return a function of fin angle [rad]: the moment [N.m] of the vehicle's motion on fin and rotor about the hinge.
 
-    Masses at the fin's centre of mass, a plate with the fin's inertia; body axes, turned about x by the azimuth.
+    The fin is a plate with its masses at their centres. The axes are the body axes, turned about x by the azimuth.
     """
     cosine, sine = np.cos(p["mounting.azimuth"]), np.sin(p["mounting.azimuth"])
     turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
@@ -35,9 +35,9 @@ def of_vehicle(p, row):
 
 
 def simulate(parameters, inputs):
-    """Return fin angle, rate and motor current at the rows of `inputs`, each held until the next.
+    """Return fin angle, fin rate and motor current [SI] at the rows of `inputs`, each of which is held until the next.
 
-    `parameters` are by name, SI; `inputs` has the row times ``time`` [s] and the columns that are used.
+    `parameters` are by name, SI; `inputs` has the row times ``time`` [s] and any columns of inputs [SI].
     """
     p, time = parameters, np.asarray(inputs["time"])
     starts = {"fin_command": 0.0, "aero_torque": 0.0, "supply_voltage": p["drive.supply_voltage"], "enable": 1.0,
@@ -82,6 +82,6 @@ def simulate(parameters, inputs):
         while begin < end:
             run = solve_ivp(rates, (begin, end), state, method="LSODA", rtol=1e-9, atol=1e-11, events=meets_stop)
             state, begin = run.y[:, -1], float(run.t[-1])
-            if run.status == 1:  # an inelastic stop, from which the motor turns back at once or presses on it
+            if run.status == 1:  # at the inelastic stop the fin rests or turns back
                 state = np.array([np.sign(state[0]) * stop * (1.0 - 1e-12), 0.0, state[2]])
     return {"time": time, **dict(zip(("fin_angle", "fin_rate", "motor_current"), np.array(records).T))}

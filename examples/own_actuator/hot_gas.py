@@ -4,10 +4,10 @@
     dp_k/dt = n/V_k (E (m_in - m_out) - p_k dV_k/dt)     ds/dt = (u - s)/tau      E = R T
     m = c a p_u psi(p_d/p_u)                             psi(q) = sqrt(1 - ((q - b)/(1 - b))^2)
 
-An edge of opening a passes gas from p_u to p_d. Below the ratio b it is choked, psi = 1; from the ratio q_l on it is
-laminar, psi proportional to 1 - q (ISO 6358-1), and gas flows back beyond 1. The spool s opens an edge of each chamber,
-a clearance all; without `enable` it centres itself. C is Coulomb friction, T_h the hinge moment. A PI controller with
-feedback of load pressure commands the spool. Every value is an estimate, sized for 60 N.m at 5 MPa.
+Through an edge with opening a, gas flows from p_u to p_d. Below the pressure ratio b the flow is choked, psi = 1; above
+q_l it is laminar, psi proportional to 1 - q (ISO 6358-1), and above 1 it reverses. The spool s opens one edge of each
+chamber; all edges have a clearance. Without `enable` the spool is centred. C is Coulomb friction, T_h the hinge moment.
+A PI controller with feedback of the load pressure commands the spool. All values are estimates for 60 N.m at 5 MPa.
 """
 
 from pathlib import Path
@@ -24,12 +24,12 @@ PARAMETERS = (
     em.parameter("gas.critical_ratio", "1", 0.1, 0.9, "pressure ratio below which an edge is choked, b"),
     em.parameter("gas.laminar_ratio", "1", 0.91, 0.9999, "pressure ratio from which an edge is laminar, q_l"),
     em.parameter("exhaust.pressure", "Pa", 1e3, 1e7, "pressure behind the exhaust"),
-    em.parameter("valve.conductance", "kg/(s.Pa)", 1e-15, 1e-3, "choked flow of an open edge over pressure, c"),
-    em.parameter("valve.clearance", "1", 1e-4, 0.5, "opening of every edge at null"),
+    em.parameter("valve.conductance", "kg/(s.Pa)", 1e-15, 1e-3, "ratio of choked flow to pressure of an open edge, c"),
+    em.parameter("valve.clearance", "1", 1e-4, 0.5, "opening of every edge with the spool at 0"),
     em.parameter("valve.time_constant", "s", 1e-4, 1.0, "time constant of the spool, tau"),
     em.tunable("controller.kp", "1/rad", 0.0, 1e4, "proportional gain"),
     em.tunable("controller.ki", "1/(rad.s)", 0.0, 1e6, "integral gain"),
-    em.tunable("controller.kd", "1/Pa", 0.0, 1e-3, "feedback of the load pressure, which damps"),
+    em.tunable("controller.kd", "1/Pa", 0.0, 1e-3, "gain of the load-pressure feedback, for damping"),
 )
 ESTIMATES = {
     "cylinder.area": "16 cm^2", "cylinder.volume": "20 cm^3", "rack.radius": "20 mm", "friction.fin": "4 N*m",
@@ -47,7 +47,7 @@ def ends(p, x, u):
 
 
 def flow(ops, p, x, u, edge):
-    """Return the mass flow through an edge; u.in_1 and so on are their pressure ratios, between b and q_l."""
+    """Return the mass flow [kg/s] through an edge; `u` has the edges' pressure ratios, limited to b and q_l."""
     (before, behind), b, laminar = ends(p, x, u)[edge], p.gas.critical_ratio, p.gas.laminar_ratio
     scaled = (getattr(u, edge) - b) / (1.0 - b)
     line = (1.0 - ops.maximum(behind / before, laminar)) / (1.0 - laminar)  # 1 up to q_l
@@ -56,13 +56,13 @@ def flow(ops, p, x, u, edge):
 
 
 def sample(ops, p, x, inputs):
-    """Command the spool, once a sample time."""
+    """Return the command of the spool, the integral and the flag of a limit at a sample."""
     c = p.controller
     error = em.fin_port.clipped_command(ops, p, inputs.command) - x.fin_angle
-    wanted = c.kp * error + x.integral - c.kd * (x.pressure_1 - x.pressure_2)
-    limited = ops.fabs(wanted) > 1.0
+    demand = c.kp * error + x.integral - c.kd * (x.pressure_1 - x.pressure_2)
+    limited = ops.fabs(demand) > 1.0
     moved = x.integral + ops.where(limited, 0.0, c.sample_time * c.ki * error)
-    return {"reference": ops.where(inputs.enable, ops.clip(wanted, -1.0, 1.0), 0.0),
+    return {"reference": ops.where(inputs.enable, ops.clip(demand, -1.0, 1.0), 0.0),
             "integral": ops.where(inputs.enable, moved, 0.0), "limited": ops.where(limited, 1.0, 0.0)}
 
 
@@ -87,7 +87,7 @@ ACTUATOR = em.Actuator(
     states=(*em.FIN, em.State("pressure_1", "Pa"), em.State("pressure_2", "Pa"), em.State("spool")),
     outputs=tuple(em.real_output(f"pressure_{k}", "Pa", f"pressure in chamber {k}", 1e6) for k in (1, 2)),
     supply=em.Supply.pressure("gas_supply.pressure", "pressure of the gas generator"),
-    descriptions={"enable": "false: the spool centres itself; the gas in the chambers bears the fin, and leaks"},
+    descriptions={"enable": "false: the spool is centred; the gas in the chambers holds the fin, and leaks"},
     provides=frozenset({em.capabilities.POSITION_LOOP, em.capabilities.SUPPLY_PRESSURE}),
     initial=lambda ops, p, start, u: {"pressure_1": 0.8 * u.supply, "pressure_2": 0.8 * u.supply},
     sample=sample, derivatives=derivatives, output_values=output_values, controller_states=(em.State("integral"),),

@@ -1,4 +1,4 @@
-"""The hot-gas actuator integrated by SciPy from event to event, by its equations and none of the package's steps."""
+"""The hot-gas actuator integrated by SciPy from event to event, with equations that are written again."""
 
 import math
 from typing import NamedTuple
@@ -11,7 +11,7 @@ FIN, RATE, ONE, TWO, SPOOL = range(5)
 
 
 class Mode(NamedTuple):
-    """Direction of the fin, 0 at rest; whether the spool is on the side of chamber 1."""
+    """Direction of the fin, 0 at rest; `up` if the spool is on the side of chamber 1."""
 
     fin: int = 0
     up: bool = False

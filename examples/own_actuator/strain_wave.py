@@ -1,12 +1,12 @@
-"""A servo motor on a strain-wave gear, which winds up under load and sticks: motor and fin each have dry friction.
+"""A servo motor on a strain-wave gear that winds up under load; motor and fin have dry friction and may stick.
 
     J_m dw/dt = K_t i - C_m - T/N      w = motor rate       T = k_2 a + (k_1 - k_2) a' + b da/dt
     J_f d2(delta)/dt2 = T + T_h - C_f                       a = motor angle/N - delta, the wind-up; |a'| <= a_1
     L di/dt = v - R i - K_e w                               v = k_c (i_r - i) + K_e w, within the supply
 
-C_m and C_f are Coulomb friction, T_h the hinge moment; the gear is k_1 stiff to a_1 and k_2 stiff beyond. A PI
-controller with speed feedback commands the current i_r from the motor's angle; while it is limited, its integral waits.
-Every value is an estimate, sized for a hinge moment of 100 N.m on 48 V.
+C_m and C_f are Coulomb friction, T_h is the hinge moment; the gear has the stiffness k_1 up to a_1, and k_2 beyond. A
+PI controller with speed feedback computes the current reference i_r from the motor's angle; while i_r is limited, the
+integral is constant. All values are estimates for a hinge moment of 100 N.m on 48 V.
 """
 
 from pathlib import Path
@@ -14,7 +14,7 @@ from pathlib import Path
 import emcas_fmu.declare as em
 
 PARAMETERS = (
-    em.parameter("gear.ratio", "1", 30.0, 320.0, "turns of the motor in one of the fin, N"),
+    em.parameter("gear.ratio", "1", 30.0, 320.0, "turns of the motor per turn of the fin, N"),
     em.parameter("gear.stiffness", "N.m/rad", 1.0, 1e6, "stiffness of the gear under a small torque, k_1"),
     em.parameter("gear.stiffness_loaded", "N.m/rad", 1.0, 1e6, "stiffness of the gear under a large torque, k_2"),
     em.parameter("gear.soft_windup", "rad", 0.0, 0.1, "wind-up to which the small stiffness applies, a_1"),
@@ -28,9 +28,9 @@ PARAMETERS = (
     em.parameter("motor.inductance", "H", 1e-7, 10.0, "winding inductance, L"),
     em.parameter("drive.kp", "V/A", 0.0, 1e3, "gain of the current loop, k_c"),
     em.parameter("drive.current_limit", "A", 0.1, 1e3, "largest current reference"),
-    em.tunable("controller.kp", "A/rad", 0.0, 1e6, "proportional gain, of the fin's angle"),
-    em.tunable("controller.ki", "A/(rad.s)", 0.0, 1e7, "integral gain, of the fin's angle"),
-    em.tunable("controller.kd", "A.s/rad", 0.0, 1e5, "speed feedback, of the fin's rate"),
+    em.tunable("controller.kp", "A/rad", 0.0, 1e6, "proportional gain from the error of the fin angle"),
+    em.tunable("controller.ki", "A/(rad.s)", 0.0, 1e7, "integral gain from the error of the fin angle"),
+    em.tunable("controller.kd", "A.s/rad", 0.0, 1e5, "gain of the speed feedback, from the fin rate"),
 )
 ESTIMATES = {
     "gear.ratio": 100, "gear.stiffness": "8000 N*m/rad", "gear.stiffness_loaded": "14000 N*m/rad",
@@ -50,13 +50,13 @@ def windup(ops, p, x, u):
 
 
 def demand(ops, p, x, u):
-    """Return the voltage that the current loop wants; a disabled drive shorts the winding."""
+    """Return the current loop's voltage before the limit; a disabled drive shorts the winding."""
     loop = p.drive.kp * (u.reference - x.motor_current) + p.motor.back_emf_constant * x.motor_rate
     return ops.where(u.enabled, loop, 0.0)
 
 
 def sample(ops, p, x, inputs):
-    """Return the current reference, once a sample time, from the angle and rate of the motor."""
+    """Return the current reference, the measured angle, the integral and the flag of a limit at a sample."""
     c, limit, angle = p.controller, p.drive.current_limit, x.motor_angle / p.gear.ratio
     error = em.fin_port.clipped_command(ops, p, inputs.command) - angle
     current = c.kp * error + x.integral - c.kd * x.motor_rate / p.gear.ratio
@@ -77,7 +77,7 @@ def derivatives(ops, p, x, u):
 
 
 ACTUATOR = em.Actuator(
-    name="strain-wave", title="servo motor on a strain-wave gear with wind-up and stick",
+    name="strain-wave", title="servo motor on a strain-wave gear with wind-up and sticking",
     states=(*em.FIN, em.State("motor_angle", "rad"), em.State("motor_rate", "rad/s"), em.State("motor_current", "A")),
     controller_states=(em.State("integral", "A"),),
     parameters=PARAMETERS, values=ESTIMATES, outputs=(MOTOR_CURRENT, WINDUP),

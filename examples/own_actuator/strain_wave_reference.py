@@ -1,4 +1,4 @@
-"""The strain-wave gear integrated by SciPy from event to event, by its equations and none of the package's steps."""
+"""The strain-wave actuator integrated by SciPy from event to event, with equations that are written again."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ MOTOR, MOTOR_RATE, FIN, FIN_RATE, CURRENT = range(5)
 
 
 class Mode(NamedTuple):
-    """Directions of motor and fin, 0 at rest; the side at which the voltage is limited, and the gear is stiff."""
+    """Directions of motor and fin, 0 at rest; sides on which the voltage is limited and the gear is stiff, or 0."""
 
     motor: int = 0
     fin: int = 0
@@ -77,8 +77,8 @@ class StrainWave(Actuator):
 
     def demand(self, y, around):
         p = self.p
-        wanted = p["drive.kp"] * (around.reference - y[CURRENT]) + p["motor.back_emf_constant"] * y[MOTOR_RATE]
-        return wanted * around.enable
+        demand = p["drive.kp"] * (around.reference - y[CURRENT]) + p["motor.back_emf_constant"] * y[MOTOR_RATE]
+        return demand * around.enable
 
     def slope(self, y, mode, around):
         p = self.p

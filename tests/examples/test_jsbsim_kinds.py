@@ -193,8 +193,8 @@ def test_run_of_two_kinds_names_both(hydraulic: Path, tmp_path: Path) -> None:
     assert figures["flights"]["gentle"][HYDRAULIC]["line_flow_largest_l_min"] > 0.0
     write_report(results, tmp_path / "report.html", "test")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "moved by EMCAS_electrohydraulic.fmu, EMCAS4.fmu" in page
-    assert "on a line of pressure of 21 MPa" in page
+    assert "JSBSim with EMCAS_electrohydraulic.fmu, EMCAS4.fmu" in page
+    assert "on a pressure line of 21 MPa" in page
     assert page.count("<svg") == 4
     names = [path.name for path in write_flights(results, tmp_path, "npz")]
     assert f"gentle_{HYDRAULIC}.npz" in names

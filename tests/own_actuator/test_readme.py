@@ -151,7 +151,7 @@ def test_the_error_about_a_capability() -> None:
 def test_what_homing_takes() -> None:
     """Whatever its capabilities need that the example does not have is named."""
     page = (FOLDER / "README.md").read_text(encoding="utf-8")
-    (shown,) = re.findall(r"`homing` on `strain_wave` takes .*?\n\n", page, re.DOTALL)
+    (shown,) = re.findall(r"`homing` on `strain_wave` needs .*?\n\n", page, re.DOTALL)
     example = get(str(FOLDER / "strain_wave.py"))
     has = {each.name for kind in ("inputs", "outputs", "parameters", "states") for each in getattr(example, kind)}
     for need in set(EXTENSION.needs) - example.provides:

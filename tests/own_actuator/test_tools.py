@@ -55,7 +55,7 @@ def test_words_of_a_gas_actuator() -> None:
     """Nothing of a motor's drive; an actuator that does not describe `enable` has words that fit any."""
     described = {v.name: v.description for a in (get(f"{HOT_GAS}+faults"),) for v in (*a.inputs, *a.parameters)}
     described |= dict(STATUS.items) | {f.name: f.description for f in FAULTS if f.name in ("drive_loss", "brown_out")}
-    assert described["enable"].startswith("false: the spool centres itself")
+    assert described["enable"].startswith("false: the spool is centred")
     assert [text for text in described.values() if re.search("bridge|drive's", text)] == []
     assert "drive" not in fin_port.ENABLE.description
 
