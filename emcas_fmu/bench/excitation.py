@@ -48,7 +48,7 @@ class Excitation:
     For many runs a column is an array [runs, rows], or broadcasts to one. Rows are judged from `begin` [s] on. `spring`
     is a stiffness [N.m/rad], a number or an array [runs]: this stiffness times the fin angle at the beginning of each
     row is subtracted from the hinge moment. `start_values` are parameters by name that replace those of the subject.
-    Raises ArgumentError for columns with different numbers of rows.
+    Raises ArgumentError for columns with different numbers of rows, and unless `step` is above 0.
     """
 
     title: str

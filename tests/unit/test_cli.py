@@ -207,7 +207,7 @@ def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
                        ("time;enable\n0;1\n", "by commas, not semicolons"),
                        ("time,enable\n0,1\n1,1,0\n", "line 3 has 3 values for 2 columns"),
                        ("time,enable\n-1,1\n1,1\n", "0 or later"),
-                       ("time,enable,enable\n0,1,1\n1,1,1\n", "given twice"), ("time,enable\n0,1\n", "1 to")):
+                       ("time,enable,enable\n0,1,1\n1,1,1\n", "occurs twice"), ("time,enable\n0,1\n", "1 to")):
         file.write_text(text, encoding="utf-8")
         refused = emcas("simulate", "--input", str(file))
         assert refused.exit_code == 2, text
