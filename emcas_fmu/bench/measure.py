@@ -200,9 +200,6 @@ def _among(runs: Runs, indices: Array, values: Any) -> Array:
     return every
 
 
-# -- repeat ----------------------------------------------------------------------
-
-
 def _use(supply: str) -> list[dict[str, Array]]:
     """Return the inputs in each second of a history of use, as shares of amplitude, torque and start values.
 
@@ -252,9 +249,6 @@ def histories(test: Test, subject: Subject, starts: Mapping[str, Any]) -> tuple[
                 worn[name][..., at] = share * scale.get(name, starts[name])
     begin = (rows - 3 * probe) * STEP
     return Excitation(str(test), worn, begin), Excitation(str(test), fresh, begin)
-
-
-# -- sine ------------------------------------------------------------------------
 
 
 _LEVELS: Mapping[str, Callable[[complex], float]] = {
@@ -339,9 +333,6 @@ def _weights(frequency: float, cycles: float) -> tuple[int, Array]:
     time = times(begin + cycles / frequency)
     fitted = (time >= begin) & (time <= begin + cycles / frequency)
     return int(np.argmax(fitted)), fundamental_weights(time[fitted], frequency, drift=False)
-
-
-# -- linear ----------------------------------------------------------------------
 
 
 @lru_cache(maxsize=16)

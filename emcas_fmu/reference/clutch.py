@@ -80,8 +80,6 @@ class Clutches(Actuator):
     def outputs(self, y: State, _around: Surroundings) -> tuple[float, ...]:
         return *y[:FLUX_1], y[TEMPERATURE]
 
-    # Equations ----------------------------------------------------------------------------------------------
-
     def slips(self, y: State) -> tuple[float, float]:
         """Return the sliding speeds [rad/s] of both clutches: speed of the driving half minus speed of the screw."""
         speed = self.screw.ratio(y[FIN]) * y[RATE]
@@ -146,8 +144,6 @@ class Clutches(Actuator):
                                              in zip(self.coils, self.references(around), strict=True))
         return [y[RATE], rate if mode.screw else 0.0, faster, first, second, flux_1, flux_2,
                 self.coils[0].warming(y, heat)]
-
-    # Modes --------------------------------------------------------------------------------------------------
 
     def admit(self, y: State, mode: Mode, around: Surroundings) -> Any:
         for coil, reference in zip(self.coils, self.references(around), strict=True):

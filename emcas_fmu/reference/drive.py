@@ -63,8 +63,6 @@ class Driven(Actuator):
         """Return the torque of the motor [N.m] at a current [A]."""
         return self.p["motor.torque_constant"] * self.flux(current) * current
 
-    # Voltage and current ------------------------------------------------------------------------------------
-
     def demand(self, m: Motor, around: Surroundings) -> float:
         """Return the output of the current controller [V] before the limit."""
         return self.p["drive.kp"] * (around.reference - m.current) + m.integral
@@ -157,8 +155,6 @@ class Driven(Actuator):
         if limit == 0.0 or across == 0.0:
             return 0.0
         return -across**2 * m.speed * m.current * (m.acceleration * m.current + m.speed * rise) / limit
-
-    # Modes ------------------------------------------------------------------------------------------------
 
     def _held_slope(self, m: Motor, around: Surroundings, side: int) -> float:
         """Return the rate [V/s] at which the demand leaves the limit on `side` outwards, clipped and at constant xi."""

@@ -62,8 +62,6 @@ class Electrohydraulic(Cylinder):
     def outputs(self, y: State, _around: Surroundings) -> State:
         return y[:SPOOL_RATE]
 
-    # Equations --------------------------------------------------------------------------------------------
-
     def flows(self, spool: float, supply: float, one: float, two: float) -> tuple[float, float]:
         """Return the flows [m3/s] through valve and check valves into both chambers."""
         lap, soft, k = self.p["valve.lap"], self.p["valve.laminar_pressure"], self.gain
@@ -96,8 +94,6 @@ class Electrohydraulic(Cylinder):
         return (y[RATE], self.turning(y, mode.fin, around), 0.0 if mode.void_1 else rise_1,
                 0.0 if mode.void_2 else rise_2, y[SPOOL_RATE],
                 0.0 if mode.spool else self.spool_acceleration(y, around))
-
-    # Modes ------------------------------------------------------------------------------------------------
 
     def settled(self, y: State, mode: Mode, around: Surroundings) -> Any:
         """Return the mode of a state; set values near a limit to the limit in place."""

@@ -58,8 +58,6 @@ class Electrohydrostatic(Cylinder, Driven):
     def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
         return *y[:INTEGRAL], self.voltage(y, around)
 
-    # Equations ----------------------------------------------------------------------------------------------
-
     def speed(self, y: State) -> float:
         return y[SPEED]
 
@@ -110,8 +108,6 @@ class Electrohydrostatic(Cylinder, Driven):
         return [*super().events(mode, around), *band(mode, "relief", lambda y: y[ONE] - y[TWO], -over, over),
                 below("check_1", ONE, self.refill), below("check_2", TWO, self.refill),
                 below("void_1", ONE, void), below("void_2", TWO, void)]
-
-    # Controllers --------------------------------------------------------------------------------------------
 
     def controller(self, nominal: Electrohydrostatic) -> Sample:
         """Return a PI controller of the piston position and a P controller of the motor's speed with compensation."""

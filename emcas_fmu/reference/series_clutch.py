@@ -67,8 +67,6 @@ class SeriesClutch(Driven):
     def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
         return *y[:INTEGRAL], self.voltage(y, around), y[COIL], y[TEMPERATURE]
 
-    # Parts --------------------------------------------------------------------------------------------------
-
     def speed(self, y: State) -> float:
         """Return the rotor's speed [rad/s]."""
         return y[ROTOR]
@@ -100,8 +98,6 @@ class SeriesClutch(Driven):
         moment = (nut * ratio * ratio * s.bend(delta) * rate * rate + way * s.fin_coulomb + s.fin_viscous * rate
                   - outside)
         return s.fin_inertia + nut * ratio * ratio, moment
-
-    # Motion -------------------------------------------------------------------------------------------------
 
     def _moved(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, float, float]:
         """Return the accelerations of fin and rotor [rad/s2] and the moment M [N.m] while the screw turns."""
@@ -145,8 +141,6 @@ class SeriesClutch(Driven):
         electrical = self.electrical(self.motor(y, mode, around), mode.drive, around)
         return [y[RATE], *self._accelerations(y, mode, around), *electrical,
                 *self.coil.slopes(y, mode, self.reference(around), around.supply), self.coil.warming(y, heat)]
-
-    # Modes --------------------------------------------------------------------------------------------------
 
     def _starts(self, y: State, around: Surroundings) -> tuple[float, float, float, float]:
         """Return four limits [N.m] of the torque from rotor to screw.

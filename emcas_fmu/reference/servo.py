@@ -75,8 +75,6 @@ class Servo(Actuator):
     def outputs(self, y: State, _around: Surroundings) -> State:
         return y
 
-    # Equations --------------------------------------------------------------------------------------------
-
     def windup(self, y: State) -> float:
         """Return the angle [rad] by which the motor, over the ratio, leads the fin."""
         return y[MOTOR] / self.ratio - y[FIN]

@@ -54,8 +54,6 @@ class MeshPlant(WormPlant):
     def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
         return *y[4:], *super().outputs(y, around)[2:]
 
-    # Forces -----------------------------------------------------------------------------------------------
-
     def _penetration(self, y: State, side: int) -> float:
         """Return the penetration [rad] of the flanks on a side."""
         return side * (y[0] - y[4]) - self.half_gap
@@ -86,8 +84,6 @@ class MeshPlant(WormPlant):
     def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
         fin = self._fin_moment(y, mode, around, mode.fin) / self.fin_inertia if mode.fin else 0.0
         return *super().slope(y, mode, around), y[5], fin
-
-    # Modes ------------------------------------------------------------------------------------------------
 
     def _worm_excess(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
         """Return the torque [N.m] on a resting worm towards `side` beyond stiction."""

@@ -54,12 +54,9 @@ class System(ABC):
         self.step_size, self.steps, self._closed = step, 0, False
         self._inputs: dict[str, list[End]] = {}
         self._outputs: dict[str, End] = {}
-        self._inner: list[tuple[End, End]] = []
+        self._inner = [(start, end) for start, end in structure.connections if start[0] and end[0]]
         self._pending: dict[End, Value] = {}
         self._withheld: dict[str, str] = {}  # reason, by the name of an output that the host cannot read
-        for start, end in structure.connections:
-            if start[0] and end[0]:
-                self._inner.append((start, end))
         fed = {end for _, end in self._inner}
         for end, connector in structure.connectors.items():
             component, name = end
