@@ -114,8 +114,7 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
 
 
 def _sets(function: str, parameters: Any) -> tuple[ParameterSet, ...]:
-    """Return one or several parameter sets as a tuple; None is the default set. Raises EmcasError if actuators differ.
-    """
+    """Return the parameter set or sets as a tuple; None is the default. Raises EmcasError if actuators differ."""
     several = isinstance(parameters, Iterable)
     sets = tuple(load_parameters() if each is None else each for each in (parameters if several else (parameters,)))
     if not sets or len({each.model for each in sets}) > 1:
@@ -304,8 +303,7 @@ def _check_counts(function: str, **numbers: int | None) -> None:
 
 
 def _check_column(variable: Variable, values: Array) -> None:
-    """Raise ParameterError, which names the first actuator whose value is not of the parameter's kind or beyond limits.
-    """
+    """Raise ParameterError for the first actuator whose value is beyond limits or not of the parameter's kind."""
     wrong = (values < variable.minimum) | (values > variable.maximum)
     if variable.kind != "Real":
         wrong |= values != np.floor(values)

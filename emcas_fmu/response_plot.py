@@ -60,8 +60,7 @@ def draw(unit: FmuInterface, title: str, fins: Sequence[Run], columns: Columns,
 
 
 def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence[Run]) -> None:
-    """Plot outputs of one unit, each in its colour; for several fins a colour for each fin and a style for each output.
-    """
+    """Plot outputs of one unit in a colour each; for several fins, colours show fins and line styles show outputs."""
     unit, scale = metrics.shown_output(panel[0])
     names, several = [v.name.replace("_", " ") for v in panel], len(fins) > 1
     for j, (v, name) in enumerate(zip(panel, names, strict=True)):

@@ -147,6 +147,5 @@ def fundamental_weights(time: Array, frequency: float, drift: bool = True) -> Ar
 
 
 def held(amplitude: complex, frequency: float, step: float) -> complex:
-    """Return the fundamental of a sine of complex `amplitude` and `frequency` [Hz], sampled and held every `step` [s].
-    """
+    """Return the complex fundamental of a sine that is sampled and held every `step` [s]; `frequency` is in Hz."""
     return complex(amplitude * np.sinc(frequency * step) * np.exp(-1j * pi * frequency * step))

@@ -26,8 +26,7 @@ def frequencies(highest: float, lowest: float = LOWEST) -> Array:
 
 
 def highest(system: System) -> float:
-    """Return the upper end of a grid [Hz]: just below half the sample rate, or far above the poles in continuous time.
-    """
+    """Return the upper end of a grid [Hz]: below half the sample rate, or far above a continuous system's poles."""
     if system.dt:
         return 0.499 / float(system.dt)
     return 100.0 * float(np.max(np.abs(system.poles()))) / (2.0 * pi)
