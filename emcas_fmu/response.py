@@ -198,7 +198,7 @@ class Response:
                        for v in discrete.values()]
 
     def _text(self, name: str, value: float) -> str:
-        """Return a figure as text, also if the response did not reach it."""
+        """Return a figure as text: its value, "not within" the simulated time, or "not reached"."""
         moves = self.fins[0].excitation.moves
         if isfinite(value) or not moves:
             return number(value)
@@ -272,7 +272,7 @@ class Response:
         return rows
 
     def _conditions(self) -> Iterator[tuple[str, str]]:
-        """Yield label and value of times, inputs, usual conditions, and parameters that a user set or that differ."""
+        """Yield label and value of times, inputs and conditions, and of parameters that a user set or that differ."""
         excitation = self.excitation
         yield "time", f"{number(excitation.stop)} s in communication steps of {number(1e3 * excitation.step)} ms"
         for name, column in excitation.columns.items():

@@ -36,7 +36,7 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
     `values` are the parameters of the `model` (:mod:`emcas_fmu.actuators`) by name, SI. Keywords are names of inputs
     with ``__`` for the dot (``attitude__roll``); a value is a constant, a function of time [s], or an array of values
     at the communication points, and is held over a step. `kernel` is ``compiled``, ``python`` or ``auto`` (compiled if
-    this saves time, see :func:`.library.worth`). Both kernels compute the same numbers.
+    this saves time, see :func:`emcas_fmu.runtime.library.worth`). Both kernels compute the same numbers.
 
     Raises TypeError for an unknown input, ValueError for an input that is not finite and for parameters out of their
     limits, ArithmeticError if a step cannot be computed, EmcasError for a kernel that does not exist.
@@ -116,7 +116,7 @@ def spread(inputs: Mapping[str, T], unit: FmuInterface) -> dict[str, T]:
 
 def _table(variables: Sequence[Variable], starts: Sequence[Any], stop: float, step: float,
            inputs: Mapping[str, Signal]) -> Array:
-    """Return the inputs at the communication points, an array [points, inputs]; the others have their start values."""
+    """Return an array [points, inputs] of the inputs at the communication points; others keep their start values."""
     if not (0.0 < step < np.inf and step * 0.5 <= stop <= MOST_POINTS * step):
         raise ValueError(f"from 0 to {stop} s every {step} s: both must be above 0, with 1 to {MOST_POINTS:g} steps")
     times: Array = np.arange(round(stop / step) + 1) * step
