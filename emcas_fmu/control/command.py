@@ -3,8 +3,8 @@
     arrived_k = command_k-L                                                         L samples of `latency`
     delivered_k = q round(arrived_k/q)  every `update_time`, else delivered_k-1     q = `resolution`; 0: not rounded
 
-Latency and update time are rounded to whole samples. The bus sends the command of the first sample first; until it has
-arrived the command is the start angle. The delay is in the runtime (:mod:`emcas_fmu.runtime.core`), the rest is here.
+Latency and update time are rounded to whole samples. Until the command of the first sample has arrived, the controllers
+use the start angle. The runtime delays the commands by the latency (:mod:`emcas_fmu.runtime.core`).
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import Any
 
 from ..ops.base import Ops, Value
 
-LONGEST = 20  # samples, longest latency
-# States: samples until the next update, and the command [rad] of the last update.
+LONGEST = 20  # longest latency in samples
+# States: number of samples until the next update, and the command [rad] of the last update.
 STATES = ("command_wait", "command_taken")
 
 
@@ -33,14 +33,14 @@ def interval(ops: Ops, p: Any) -> Value:
 
 
 def start(ops: Ops, p: Any, fin_angle: Value) -> dict[str, Value]:
-    """Return STATES by name at the start, at a fin angle [rad]."""
+    """Return the initial STATES by name, for a start angle [rad] of the fin."""
     return dict(zip(STATES, (latency(ops, p), fin_angle), strict=True))
 
 
-def delivered(ops: Ops, p: Any, arrived: Value, wait: Value, before: Value) -> tuple[Value, Value, Value]:
-    """Return the command [rad] that the controllers use at a sample, and STATES after it.
+def delivered(ops: Ops, p: Any, arrived: Value, wait: Value, before: Value) -> tuple[Value, ...]:
+    """Return the command [rad] that the controllers use at a sample, and the two STATES after this sample.
 
-    `arrived` [rad] is the command after the latency, `wait` and `before` are STATES of the sample before.
+    `arrived` [rad] is the command after the latency; `wait` and `before` are the STATES after the previous sample.
     """
     every, resolution = _whole(ops, p, p.command.update_time), p.command.resolution
 
@@ -51,7 +51,6 @@ def delivered(ops: Ops, p: Any, arrived: Value, wait: Value, before: Value) -> t
         now = ops.where(due, rounded, before)
         return now, ops.where(due, ops.maximum(every, 1.0), wait) - 1.0, now
 
-    # These conditions are also right in linear analysis, whose floor returns its argument.
+    # The limits 1 and 2 also hold in linear analysis, in which floor returns its argument.
     direct = ops.both(ops.both(latency(ops, p) < 1.0, every < 2.0), ops.equal(resolution, 0.0))
-    now, next_wait, kept = ops.branch(direct, lambda: (arrived, wait, before), over_the_bus)
-    return now, next_wait, kept
+    return ops.branch(direct, lambda: (arrived, wait, before), over_the_bus)

@@ -9,22 +9,22 @@
     s+     = s + T_s/T_c (r - s)
 
 With the setpoint weight b the position loop has two degrees of freedom (Astrom & Hagglund, "Advanced PID Control",
-section 3.4): the response to a load does not depend on b. The command's rate is computed by a lag s with the update
-time T_c, which is T_s if a command arrives at every sample: between updates it decays and is not a pulse. At rest I is
-Kp_pos (1 - b) theta_measured and s is r; these are also the values at the start and when the drive is enabled.
-u_drive is the part of u_raw that the drive can follow, within the limits of DAC and current. An integral is unwound
-only if its gain can bring it back: I if Ki_pos > 0, and V no faster than its integral time (ibid., section 3.5), hence
-never if Ki_vel = 0. Otherwise every saturation would leave an offset behind. The controllers use the nominal parameters
-of mechanism and motor.
+section 3.4): the response to a load does not depend on b. The command's rate is (r - s)/T_c, with the command's update
+time T_c (T_s if a command arrives at every sample) and the lagged target s. Between updates this rate decays; without
+the lag it would be a pulse of one sample. At rest I is Kp_pos (1 - b) theta_measured and s is r; I and s also have
+these values at the start and while the drive is disabled. u_drive is u_raw within the limits of DAC and current.
+Anti-windup changes I only if Ki_pos > 0, and V no faster than its integral time (ibid., section 3.5), hence not at all
+if Ki_vel = 0: without integral action, the change would remain as an offset after every saturation. The controllers use
+the nominal parameters of mechanism and motor.
 
 T_l is the load at the motor without the friction that is fed forward. A first-order observer of the momentum estimates
 it (De Luca & Mattone, "Sensorless robot collision detection and hybrid force/motion control", ICRA 2005):
 
     T_l    = L (J w_measured - m)               m+ = m + T_s (K_t i + T_l - K_t K_v u_fc)
 
-u_ff is the reference that feeds a motion forward (:func:`feed_forward`), else 0. With a motion, u_fc is computed from
-its speed plus the feedback's share of w_raw, instead of w_ref. The observer uses the measured current. As long as the
-model is right, the controllers' reference therefore does not affect T_l, and the loop's margins hardly change.
+u_ff is the feed-forward of a motion (:func:`feed_forward`), 0 without a motion. With a motion, u_fc is computed from
+its speed plus the feedback's share of w_raw, instead of from w_ref. The observer uses the measured current. If its
+model is exact, T_l is therefore independent of the controllers' reference, and the loop's margins hardly change.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Loops(NamedTuple):
 
 
 class Output(NamedTuple):
-    """The result of a sample: DAC value [V], speed reference before its limit [rad/s], whether a limit is active, and
+    """Result of a sample: DAC value [V], speed reference before its limit [rad/s], a flag that a limit is active, and
     the states of the loops after the sample."""
 
     reference: Value
@@ -59,20 +59,23 @@ class Output(NamedTuple):
 
 
 def clipped_command(ops: Ops, p: Any, command: Value) -> Value:
-    """Return a fin command [rad] within +-command.limit."""
+    """Return a fin command [rad], limited to +-command.limit."""
     return ops.clip(command, -p.command.limit, p.command.limit)
 
 
 def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference: Value) -> Value:
     """Return the reference [V] that cancels Coulomb friction in the direction of the speed reference [rad/s].
 
-    The controller knows the friction identified at 24 degC, not the temperature.
+    The friction is that at 24 degC: the controllers do not know the temperature.
     """
     return fed_forward(ops, p, friction.coulomb_reference(ops, p, speed_reference, fin_measured), speed_reference)
 
 
 def fed_forward(ops: Ops, p: Any, dry: Value, speed_reference: Value) -> Value:
-    """Return the reference [V] for a Coulomb friction at the motor [N.m], faded in with the speed reference [rad/s]."""
+    """Return the reference [V] against a Coulomb friction `dry` at the motor [N.m].
+
+    It is full from a `speed_reference` of compensation.speed_band [rad/s] on, and proportional to slower ones.
+    """
     per_volt = drive.stall_torque(p, 1.0)
     share = ops.clip(speed_reference / p.compensation.speed_band, -1.0, 1.0)
     return p.compensation.gain / per_volt * dry * share
@@ -84,25 +87,25 @@ def _momentum(ops: Ops, p: Any, measured: Measurement) -> Value:
 
 
 def resting_integral(p: Any, target: Value) -> Value:
-    """Return the position loop's integral [rad/s] with a speed reference of 0 at rest at a target [rad]."""
+    """Return the position loop's integral [rad/s] at rest at a target [rad]; for a piston [m/s] and [m]."""
     position = p.controller.position
     return position.kp * (1.0 - position.setpoint_weight) * target
 
 
 def target_angle(ops: Ops, p: Any, command: Value) -> Value:
-    """Return the motor angle [rad] of a command [rad] within its limit."""
+    """Return the target [rad] of the motor angle for a fin command [rad], which is limited first."""
     return kinematics.motor_angle(ops, p, clipped_command(ops, p, command))
 
 
 def at_rest(ops: Ops, p: Any, measured: Measurement, command: Value) -> Loops:
-    """Return the loops' states with a speed reference of 0 at the measured position, without load; `command` [rad]."""
+    """Return the loops' states at rest at the measured position, without load, for a fin `command` [rad]."""
     (momentum,) = ops.branch(p.controller.load_observer > 0.0, lambda: (_momentum(ops, p, measured),), lambda: (0.0,))
     return Loops(resting_integral(p, measured.motor_angle), 0.0, target_angle(ops, p, command), momentum)
 
 
 def _observed(ops: Ops, p: Any, momentum: Value, measured: Measurement, current: Value, compensation: Value
               ) -> tuple[Value, ...]:
-    """Return the reference [V] against the load at a measured motor current [A], and the momentum after the sample."""
+    """Return the reference [V] that cancels the load, and the observer's momentum [N.m.s] after the sample."""
     load = p.controller.load_observer * (_momentum(ops, p, measured) - momentum)
     per_volt = drive.stall_torque(p, 1.0)
     net = drive.torque(p, current) + load - per_volt * compensation
@@ -110,11 +113,11 @@ def _observed(ops: Ops, p: Any, momentum: Value, measured: Measurement, current:
 
 
 def feed_forward(ops: Ops, p: Any, motion: Motion, integral: Value) -> tuple[Ahead, Value, Value]:
-    """Return the feed-forward of a motion of the fin: speed and reference from the inverse of plant and current loop.
+    """Return the feed-forward of a fin motion, from the inverse of plant and current loop without Coulomb friction.
 
-    Coulomb friction is left out. `integral` [V] is that of the drive's current loop in this motion. The second result
-    is the integral at the next sample, the third the time [s] after which a reference acts: the drive's delay plus the
-    lag of its current.
+    `integral` [V] is the integral of the drive's current loop that the motion requires at this sample. The second
+    result is this integral at the next sample. The third is the time [s] until a reference acts: the drive's delay plus
+    the lag of its current.
     """
     now, after = (mechanics.coefficients(ops, p, kinematics.motor_angle(ops, p, angle))
                   for angle in (motion.angle, motion.next_angle))
@@ -128,18 +131,18 @@ def feed_forward(ops: Ops, p: Any, motion: Motion, integral: Value) -> tuple[Ahe
 
 def sample(ops: Ops, p: Any, loops: Loops, measured: Measurement, current: Value, command: Value,
            ahead: Ahead | None = None) -> Output:
-    """Return the result of a sample at a motor current [A]; `command` [rad] is not yet limited."""
+    """Return the result of a sample for a measured motor `current` [A] and an unlimited fin `command` [rad]."""
     position, velocity, limit, period = (p.controller.position, p.controller.velocity, p.controller.speed_limit,
                                          p.controller.sample_time)
     target = target_angle(ops, p, command)
     error = target - measured.motor_angle
     fed_back = position.kp * (error - (1.0 - position.setpoint_weight) * target) + loops.integral
-    between, change = bus.interval(ops, p), target - loops.target
-    speed_raw = fed_back + position.velocity_feedforward * change / between
-    lagged = ops.where(between > period, loops.target + period / between * change, target)
+    update_time, change = bus.interval(ops, p), target - loops.target
+    speed_raw = fed_back + position.velocity_feedforward * change / update_time
+    lagged = ops.where(update_time > period, loops.target + period / update_time * change, target)
     speed_reference = ops.clip(speed_raw, -limit, limit)
-    turning = speed_reference if ahead is None else ops.where(ahead.active, fed_back + ahead.speed, speed_reference)
-    compensation = friction_compensation(ops, p, measured.fin_angle, turning)
+    intended = speed_reference if ahead is None else ops.where(ahead.active, fed_back + ahead.speed, speed_reference)
+    compensation = friction_compensation(ops, p, measured.fin_angle, intended)
     speed_error = speed_reference - measured.motor_speed
     against_load, momentum = ops.branch(
         p.controller.load_observer > 0.0,

@@ -4,8 +4,8 @@
     P = K_p e' + I - K_d dn/dt + P_f       e' = 0 for |e| < dead band, else e
     duty = clip(P, +-P_max)/P_full         I+ = I + T_s K_i e', held while |P| > P_max and e' increases |P|
 
-P_f is the PWM that feeds a motion forward, else 0. Gains are in counts of PWM and of error; T_s is the frame time. With
-`encoder.enabled` off the counts are not rounded.
+P_f is the PWM of the feed-forward of a motion, 0 without a motion. Gains convert counts of error to counts of PWM; T_s
+is the frame time. If `encoder.enabled` is false, n(x) is not rounded.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from .trajectory import Ahead, added
 
 
 class Output(NamedTuple):
-    """The result of a frame: duty cycle [-]; `limited`, 1 where a limit is active, else 0; the integral [counts of PWM]
-    after the frame; and the counts of the encoder."""
+    """Result of a frame: duty cycle [-]; `limited`, 1 if a limit is active, else 0; the integral [counts of PWM] after
+    the frame; the encoder's counts."""
 
     duty: Value
     limited: Value
@@ -41,8 +41,10 @@ def counts(ops: Ops, p: Any, angle: Value) -> Value:
 
 def sample(ops: Ops, p: Any, integral: Value, before: Value, angle: Value, command: Value,
            ahead: Ahead | None = None) -> Output:
-    """Return the result of a frame at an angle [rad]; `command` [rad] is not yet limited, `before` is the number of
-    counts at the last frame; `ahead` contains the PWM that is fed forward."""
+    """Return the result of a frame at an output `angle` [rad] for an unlimited fin `command` [rad].
+
+    `before` is the number of counts at the last frame; `ahead` contains the PWM of the feed-forward.
+    """
     c, period = p.controller, p.controller.sample_time
     now = counts(ops, p, angle)
     error = counts(ops, p, clipped_command(ops, p, command)) - now

@@ -4,10 +4,10 @@
     v_raw = Kp (b r - y) + I + v_f  v_ref = clip(v_raw, +-v_max)
     I+   = I + T_s Ki e            or, while |v_raw| > v_max and e increases |v_raw|, I + Kp (1 - b) (y - y_before)
 
-x(angle) is that of the lever (:mod:`emcas_fmu.physics.cylinder`), so that the loop's gain is the same at every angle.
-At rest the integral is Kp (1 - b) y. At a limit I minus this value is constant. Large steps thus also end without the
-tail that a weight below 1 would leave; back-calculation would leave a tail with its time constant. v_f is the speed of
-a motion that is fed forward.
+x(angle) is the piston's position at a fin angle (:mod:`emcas_fmu.physics.cylinder`): the loop's gain does not depend
+on the angle. At rest I is Kp (1 - b) y. While the speed is limited, I - Kp (1 - b) y is constant. A large step then
+ends without the tail that a weight b below 1 would cause; back-calculation would cause a tail with its time constant.
+v_f is the speed of the feed-forward of a motion.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from .trajectory import Ahead, Motion, added
 
 
 class Output(NamedTuple):
-    """The result of a sample: reference of the piston's speed [m/s]; `limited`, 1 where a limit is active, else 0; the
-    integral [m/s] after the sample, and (`held`) its value if the loop does not integrate."""
+    """Result of a sample: reference of the piston's speed [m/s]; `limited`, 1 if a limit is active, else 0; the
+    integral [m/s] after the sample; `held`, the integral after a sample in which the loop does not integrate."""
 
     speed: Value
     limited: Value
@@ -31,30 +31,29 @@ class Output(NamedTuple):
 
 
 def measured(ops: Ops, p: Any, fin_angle: Value) -> Value:
-    """Return a fin angle [rad] as its transducer reads it."""
+    """Return the reading [rad] of the transducer at a fin angle [rad]."""
     step = p.transducer.resolution
     divisor = ops.where(step > 0.0, step, 1.0)
     return ops.where(step > 0.0, divisor * ops.floor(fin_angle / divisor + 0.5), fin_angle)
 
 
 def at_rest(ops: Ops, p: Any, fin_measured: Value) -> Value:
-    """Return the integral [m/s] with a speed reference of 0 at rest at a measured fin angle [rad]."""
+    """Return the integral [m/s] at rest at a measured fin angle [rad]."""
     return resting_integral(p, cylinder.piston_position(ops, p, fin_measured))
 
 
 def piston_motion(ops: Ops, p: Any, motion: Motion) -> tuple[Value, Value]:
-    """Return the piston's mean speed [m/s] and acceleration [m/s2] in a motion of the fin until the next sample."""
-    speed, after = (cylinder.linkage(ops, p, angle, loads.NONE).ratio * rate
+    """Return the piston's mean speed [m/s] and acceleration [m/s2] from this to the next sample of a fin motion."""
+    speed, next_speed = (cylinder.linkage(ops, p, angle, loads.NONE).ratio * rate
                     for angle, rate in ((motion.angle, motion.rate), (motion.next_angle, motion.next_rate)))
-    return 0.5 * (speed + after), (after - speed) / p.controller.sample_time
+    return 0.5 * (speed + next_speed), (next_speed - speed) / p.controller.sample_time
 
 
 def sample(ops: Ops, p: Any, integral: Value, before: Value, fin_measured: Value, command: Value, limit: Value,
            ahead: Ahead | None = None) -> Output:
-    """Return the result of a sample; the speed reference is within +-`limit` [m/s].
+    """Return the result of a sample for an unlimited fin `command` [rad]; +-`limit` [m/s] limits the speed reference.
 
-    `before` is the piston's position [m] at the last sample; `command` [rad] is not yet limited; `ahead` contains the
-    speed [m/s] that is fed forward.
+    `before` is the piston's position [m] at the last sample; `ahead` contains the speed [m/s] of the feed-forward.
     """
     position = p.controller.position
     target = cylinder.piston_position(ops, p, clipped_command(ops, p, command))

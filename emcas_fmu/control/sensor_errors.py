@@ -3,15 +3,14 @@
     i_m = (1 + g) i + i_0
     x_m = x + a_1 (sin(x + p_1) - sin p_1) + a_2 (sin(2 x + p_2) - sin p_2) + sigma z
 
-x is the angle of the encoder's shaft. A scale that is off its axis by e, read at a radius r by one head, has a_1 = e/r.
-The error of an elliptic scale, or of a shaft coupling at an angle, has two periods a turn. The encoder's zero is set at
-x = 0.
+x is the angle of the encoder's shaft. If a scale is off its axis by e and one head reads it at a radius r, a_1 is e/r.
+The error of an elliptic scale or of an angled shaft coupling has two periods per turn. x_m is 0 at x = 0.
 
 Drive and controllers read i_m. In the drive
 
     K_p (i_ref - i_m) = (1 + g) K_p ((i_ref - i_0)/(1 + g) - i)         -I <= i_ref <= I
 
-and likewise for the integral: the drive has the equations of one with an exact sensor, with other gains and another
+and likewise for the integral: a drive with this sensor equals a drive with an exact sensor, other gains and another
 reference.
 
 z is drawn at every sample. With four numbers u, uniform between 0 and 1, z = sqrt(3) (u_1 + u_2 - u_3 - u_4) has a mean
@@ -19,10 +18,10 @@ of 0, a variance of 1 and no value beyond +-2 sqrt(3). Two sequences of whole nu
 
     s <- 40014 s mod m_s, m_s = 2147483563        t <- 40692 t mod m_t, m_t = 2147483399
 
-They are the two generators of L'Ecuyer, "Efficient and portable combined random number generators", Communications of
-the ACM 31 (1988) 742-751; he combines the whole numbers instead of the quotients. Double precision holds the products
-exactly. s starts at the seed, t always at the same number: if both started at the seed, u of seed n would be n times u
-of seed 1, modulo 1, so that the noise of one seed would follow from that of another.
+Both generators are from L'Ecuyer, "Efficient and portable combined random number generators", Communications of the
+ACM 31 (1988) 742-751, who combines s and t instead of s/m_s and t/m_t. The products are exact in double precision. s
+starts at the seed, t always at the same number: if both started at the seed, u of seed n would be n times u of seed 1,
+modulo 1, and the noise of one seed would follow from that of another.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ from ..ops.base import Ops, Value
 from ..physics import drive
 
 _MULTIPLIERS, MODULI = (40014.0, 40692.0), (2147483563.0, 2147483399.0)
-SECOND = 1234567890.0  # the start of the second generator: any whole number below its modulus
+SECOND = 1234567890.0  # start of t: any whole number from 1 to m_t - 1
 _SIGNS = (1.0, 1.0, -1.0, -1.0)
 
 
@@ -45,15 +44,15 @@ def current(p: Any, value: Value) -> Value:
 
 
 def beyond(ops: Ops, p: Any, reference: Value) -> Any:
-    """Return whether the current reference that follows from a reference [V] is beyond the drive's limit."""
+    """Return whether a reference [V] requests a current beyond the drive's limit."""
     return ops.fabs(drive.current_reference_raw(p, reference)) > p.drive.current_limit
 
 
 def of_drive(ops: Ops, p: Any, reference: Value) -> Any:
-    """Return the parameters in which the drive is an equivalent one with an exact sensor, at a reference [V].
+    """Return the parameters with those of the equivalent drive with an exact sensor, at a reference [V].
 
-    A current reference beyond the limit becomes an offset, with a gain of 0; the equivalent drive never reaches its
-    limit.
+    A current reference beyond the limit becomes an offset, with a gain of 0; the equivalent drive's limit is never
+    exceeded.
     """
     gains, offset, scale = p.drive, p.sensor.current.offset, 1.0 + p.sensor.current.gain_error
     over = beyond(ops, p, reference)
@@ -66,14 +65,14 @@ def of_drive(ops: Ops, p: Any, reference: Value) -> Any:
 
 
 def angle(ops: Ops, p: Any, value: Value) -> Value:
-    """Return the angle [rad] that the encoder reads, without noise, at an angle [rad] of its shaft."""
+    """Return the encoder's reading [rad] without noise at an angle [rad] of its shaft."""
     e = p.sensor.encoder
     return (value + e.once * (ops.sin(value + e.once_phase) - ops.sin(e.once_phase))
             + e.twice * (ops.sin(2.0 * value + e.twice_phase) - ops.sin(e.twice_phase)))
 
 
 def slope(ops: Ops, p: Any, value: Value) -> Value:
-    """Return d/dx of :func:`angle` [-]."""
+    """Return the derivative [-] of :func:`angle` at an angle [rad] of the shaft."""
     e = p.sensor.encoder
     return 1.0 + e.once * ops.cos(value + e.once_phase) + 2.0 * e.twice * ops.cos(2.0 * value + e.twice_phase)
 
@@ -84,10 +83,10 @@ def _next(ops: Ops, state: Value, multiplier: float, modulus: float) -> Value:
 
 
 def draw(ops: Ops, one: Value, other: Value) -> tuple[Value, Value, Value]:
-    """Return a number z [-], and the states of both generators after the draw."""
+    """Return a random number z [-] and the next states of both generators, `one` and `other`."""
     total = 0.0
     for sign in _SIGNS:
-        one, other = (_next(ops, *each) for each in zip((one, other), _MULTIPLIERS, MODULI, strict=True))
-        apart = one / MODULI[0] - other / MODULI[1]
-        total = total + sign * (apart - ops.floor(apart))
+        one, other = (_next(ops, *generator) for generator in zip((one, other), _MULTIPLIERS, MODULI, strict=True))
+        difference = one / MODULI[0] - other / MODULI[1]
+        total = total + sign * (difference - ops.floor(difference))
     return sqrt(3.0) * total, one, other

@@ -1,11 +1,11 @@
-"""Incremental encoders, section 3.2.4: whole counts, speed from the difference of two samples.
+"""Incremental encoders, section 3.2.4: whole counts, and the speed from the counts of two samples.
 
     n_k = floor(angle/q)    measured angle = n_k q    measured speed = (n_k - n_k-1) q/T_s
     q = 2 pi/(pulses multiplier)
 
-The motor's encoder always measures the speed. It also measures the position, unless ``encoder.on_fin`` selects an
-encoder with as many pulses on the fin shaft. The zero of an incremental encoder is arbitrary: its difference from the
-true zero, `offset` [counts], is added to the counts of the position; without an offset the zero is the true one.
+The motor's encoder always measures the speed. It also measures the position, unless ``encoder.on_fin`` selects a second
+encoder, with as many pulses, on the fin shaft. The zero of an incremental encoder is arbitrary: its difference from the
+true zero, `offset` [counts], is added to the counts of the position.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from ..physics import kinematics
 class Measurement(NamedTuple):
     """Measured motor angle [rad] and speed [rad/s], fin angle [rad], and counts [-] of the encoders.
 
-    `counts` are those of the position encoder, with its offset, `motor_counts` those of the motor's encoder. With the
-    encoders off, `counts` is 0 and `motor_counts` is the value at the sample before.
+    `counts` are those of the position encoder with its offset, `motor_counts` those of the motor's encoder. With the
+    encoders off, `counts` is 0 and `motor_counts` is the value at the previous sample.
     """
 
     motor_angle: Value
@@ -37,7 +37,7 @@ def resolution(p: Any) -> Value:
 
 
 def _shifted(value: Value, offset: Value | None, unit: Value) -> Value:
-    """Return `value` plus an `offset` in counts, each of the size `unit`; without an offset the value."""
+    """Return `value` plus an `offset` in counts of size `unit`, or `value` if the offset is None."""
     return value if offset is None else value + offset * unit
 
 
@@ -51,32 +51,32 @@ def measure(ops: Ops, p: Any, plant: Any, position: Value, motor_angle: Value, m
     """Return the measurement at true angles [rad] and a true speed [rad/s].
 
     `position` is the angle that the position encoder reads: the motor's or, referred to the motor, the fin's. `before`
-    is the number of counts of the motor's encoder at the sample before. `p` contains the nominal parameters, which the
-    controllers know, `plant` those as built.
+    is the number of counts of the motor's encoder at the previous sample. `p` contains the nominal parameters, which
+    the controllers use, `plant` those as built.
     """
 
     def true_values() -> tuple[Value, ...]:
-        turned = _shifted(position, offset, resolution(p))
+        read = _shifted(position, offset, resolution(p))
 
         def of_fin() -> tuple[Value, ...]:
-            return (kinematics.motor_angle(ops, p, kinematics.fin_at(ops, plant, turned)),)
+            return (kinematics.motor_angle(ops, p, kinematics.fin_at(ops, plant, read)),)
 
-        (seen,) = ops.branch(ops.both(p.encoder.on_fin, kinematics.deviates(ops, p, plant)), of_fin, lambda: (turned,))
-        return seen, motor_speed, kinematics.fin_at(ops, p, seen), 0.0, before
+        (angle,) = ops.branch(ops.both(p.encoder.on_fin, kinematics.deviates(ops, p, plant)), of_fin, lambda: (read,))
+        return angle, motor_speed, kinematics.fin_at(ops, p, angle), 0.0, before
 
     def quantised() -> tuple[Value, ...]:
-        q, turned = resolution(p), motor_counts(ops, p, motor_angle)
-        speed = (turned - before) * q / p.controller.sample_time
+        q, now = resolution(p), motor_counts(ops, p, motor_angle)
+        speed = (now - before) * q / p.controller.sample_time
 
         def from_fin() -> tuple[Value, ...]:
-            now = _shifted(ops.floor(kinematics.fin_at(ops, plant, position) / q), offset, 1.0)
-            return kinematics.motor_angle(ops, p, now * q), now * q, now
+            counts = _shifted(ops.floor(kinematics.fin_at(ops, plant, position) / q), offset, 1.0)
+            return kinematics.motor_angle(ops, p, counts * q), counts * q, counts
 
         def from_motor() -> tuple[Value, ...]:
-            now = _shifted(motor_counts(ops, p, position), offset, 1.0)
-            return now * q, kinematics.fin_at(ops, p, now * q), now
+            counts = _shifted(motor_counts(ops, p, position), offset, 1.0)
+            return counts * q, kinematics.fin_at(ops, p, counts * q), counts
 
-        angle, fin, now = ops.branch(p.encoder.on_fin, from_fin, from_motor)
-        return angle, speed, fin, now, turned
+        angle, fin, counts = ops.branch(p.encoder.on_fin, from_fin, from_motor)
+        return angle, speed, fin, counts, now
 
     return Measurement(*ops.branch(p.encoder.enabled, quantised, true_values))
