@@ -33,7 +33,7 @@ class Browser:
     def renew(self) -> None:
         """Let the default actuator's page begin anew."""
         self.keep_open()
-        self.run("(page => { page.written = null; history.replaceState(null, '', '#'); page.restore(); })(window.page)")
+        self.run("(page => { page.hash = null; history.replaceState(null, '', '#'); page.restore(); })(window.page)")
         self.settled()
 
     def open(self, path: Path, link: str = "") -> None:
@@ -72,8 +72,8 @@ class Browser:
         """Do something, and wait for what the page computes when nothing has changed for a while: at once."""
         self.driver.execute_async_script(f"""const done = arguments[0]; {action};
             requestAnimationFrame(() => requestAnimationFrame(() => {{
-                clearTimeout(window.page.resting);
-                window.page.rest().then(done);
+                clearTimeout(window.page.timer);
+                window.page.finish().then(done);
             }}));""")
 
     def size(self, width: int, height: int = 900) -> None:

@@ -146,13 +146,13 @@ def test_a_line_that_is_no_point_is_named(opened: Browser, line: str) -> None:
 @pytest.mark.parametrize("line", ["1,3", "1 3", "1.;+3.0", "\t1e0 , 30E-1 "])
 def test_a_point_is_two_decimal_numbers(opened: Browser, line: str) -> None:
     opened.run("document.getElementById('points').value = arguments[0]", line)
-    assert opened.run("window.page.drawing.written") == [[1.0, pytest.approx(radians(3.0))]]
+    assert opened.run("window.page.drawing.points") == [[1.0, pytest.approx(radians(3.0))]]
 
 
 def test_a_stroke_over_a_file_keeps_the_rest_of_it(opened: Browser) -> None:
     """Its command before and after the stroke, and its load."""
     rows = "time,aero_torque,fin_command\n0,0,0\n0.1,50,0\n0.1,50,0.1\n0.3,-20,0.1\n0.5,-20,0\n"
-    opened.run("window.page.fly('mine.csv', () => arguments[0])", rows)
+    opened.run("window.page.showFile('mine.csv', () => arguments[0])", rows)
     opened.wait("window.page.live.setting.file?.title === 'mine.csv'")
     opened.settled()
     load = "[...window.page.live.run.excitation.columns.aero_torque]"

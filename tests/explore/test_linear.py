@@ -215,7 +215,7 @@ def test_keys_move_the_same_pair_where_another_becomes_slower(opened: Browser) -
     for (*pole, _), (*moved, size) in pairwise(path):
         assert np.hypot(*np.subtract(moved, pole)) < 3.0 * size / 100.0
     label = "window.page.loop.poles.handle.getAttribute('aria-label')"
-    assert "the followed pair" in opened.run(label)
+    assert "the chosen pair" in opened.run(label)
     opened.run("window.page.show(window.page.live, {...window.page.live})")  # another redrawing
     opened.settled()
     assert opened.run(POLE) == path[-1][:2]

@@ -215,11 +215,11 @@ def test_commands_are_warned_of_as_by_simulate(opened: Browser, tmp_path: Path, 
 
 def test_statuses_and_flags_are_said_by_name(opened: Browser) -> None:
     panel = {"names": ["word"], "items": [], "bits": ["stall", "no_drive"], "shown": ["", 1]}
-    assert opened.run("[0, 1, 3].map(named(arguments[0]))", panel) == ["none", "stall", "stall, no drive"]
+    assert opened.run("[0, 1, 3].map(toWords(arguments[0]))", panel) == ["none", "stall", "stall, no drive"]
     found = opened.run("traces(arguments[0], {word: [0, 2, 3]}, [1]).map(({label, y}) => [label, y])", panel)
     assert found == [["no drive", [0.0, 0.6, 0.6]]]
     status = {"items": ["idle", "homing"], "bits": []}
-    assert opened.run("[1, 2].map(named(arguments[0]))", status) == status["items"]
+    assert opened.run("[1, 2].map(toWords(arguments[0]))", status) == status["items"]
 
 
 def test_speeds_are_in_rpm_and_frequencies_end_with_the_data(opened: Browser) -> None:
@@ -317,7 +317,7 @@ def test_files_give_the_same_response_in_simulate(opened: Browser, tmp_path: Pat
         opened.set(name, value)
     for name, script in {"parameters.toml": "parameterFile(window.page.live.setting)",
                          "inputs.csv": "csv(window.page.inputs())",
-                         "response.csv": "csv(window.page.response())"}.items():
+                         "response.csv": "csv({...window.page.inputs(), ...window.page.live.run.outputs})"}.items():
         Path(name).write_text(opened.run(script), encoding="utf-8")
     done = CliRunner().invoke(app, ["simulate", "--input", "inputs.csv", "-p", "parameters.toml", "-o", "again.csv"])
     assert done.exit_code == 0, done.output
@@ -379,8 +379,8 @@ def test_long_computations_are_in_a_worker(opened: Browser) -> None:
     opened.rested("Object.assign(window.page.live, {verdicts: null, responses: null}); window.page.refresh()")
     assert opened.run("[window.runs, window.page.live.verdicts.size > 20]") == [0, True]
     own, worked = opened.driver.execute_async_script("""const done = arguments[0], {page} = window;
-        const {setting} = page.live, here = LONG.measured(page.actuator, setting);
-        Promise.all([here, page.worked.ask("measured", setting)]).then(both =>
+        const {setting} = page.live, here = COMPUTATIONS.measured(page.actuator, setting);
+        Promise.all([here, page.background.ask("measured", setting)]).then(both =>
             done(both.map(each => JSON.stringify(each))));""")
     assert own == worked
     assert len(own) > 1000
@@ -398,9 +398,10 @@ def test_a_page_left_alone_computes_the_rest(opened: Browser) -> None:
 def test_a_later_computation_ends_an_earlier_one(opened: Browser) -> None:
     opened.rested("window.page.refresh()")
     answers = opened.driver.execute_async_script("""const done = arguments[0], {page} = window, answered = [];
-        page.worked.ask("measured", page.live.setting).then(() => answered.push("first"));
-        page.worked.ask("responses", page.live.setting).then(() => answered.push("second"));
-        setTimeout(() => page.worked.ask("responses", page.live.setting).then(() => done([...answered, "third"])), 1);
+        page.background.ask("measured", page.live.setting).then(() => answered.push("first"));
+        page.background.ask("responses", page.live.setting).then(() => answered.push("second"));
+        setTimeout(() => page.background.ask("responses", page.live.setting).then(
+            () => done([...answered, "third"])), 1);
         """)
     assert answers[-1] == "third"
     assert "first" not in answers
@@ -411,8 +412,8 @@ def test_a_change_ends_a_computation(opened: Browser) -> None:
     opened.rested("window.page.refresh()")
     ended = opened.run("""(({page}, {terminate}) => {
         const ended = [];
-        page.worked.ask("measured", page.live.setting);
-        const asked = page.worked.worker;
+        page.background.ask("measured", page.live.setting);
+        const asked = page.background.worker;
         Worker.prototype.terminate = function() { ended.push(this === asked); terminate.call(this); };
         page.change("controller.position.kp", 61);
         Worker.prototype.terminate = terminate;
@@ -425,10 +426,10 @@ def test_plots_out_of_view_are_drawn_when_they_come_into_it(opened: Browser) -> 
     opened.run("scrollTo(0, 0)")
     opened.settled()
     opened.set("excitation.amplitude", 0.1)
-    assert opened.run("window.page.bode[0].waiting !== null || !window.page.bode[0].drawn")
+    assert opened.run("window.page.bode[0].waiting !== null || !window.page.bode[0].uplot")
     opened.run("document.getElementById('bode').scrollIntoView()")
     opened.rested("window.page.refresh()")
-    assert opened.run("window.page.bode[0].waiting === null && window.page.bode[0].drawn.data[0].length > 10")
+    assert opened.run("window.page.bode[0].waiting === null && window.page.bode[0].uplot.data[0].length > 10")
 
 
 def test_the_page_is_one_file_that_asks_for_nothing(opened: Browser) -> None:

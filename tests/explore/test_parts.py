@@ -87,7 +87,7 @@ def test_the_strip_has_the_verdicts_of_the_table(opened: Browser) -> None:
     assert margins["Unloaded fin rate"].startswith("+")
 
 
-WORKED = "window.page.worked = new Worked([document.getElementById('data').textContent, {}])"
+WORKED = "window.page.background = new Background([document.getElementById('data').textContent, {}])"
 FAILED = "requirements and frequency responses are not computed: "
 
 

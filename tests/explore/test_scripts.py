@@ -97,7 +97,7 @@ EXCITATIONS: list[tuple[str, dict[str, float]]] = [
 @pytest.mark.parametrize(("kind", "fields"), EXCITATIONS)
 def test_excitations_are_the_bench_s(scripts: Browser, kind: str, fields: dict[str, float]) -> None:
     made = excitations.motion(kind, **fields)
-    found = columns_of(scripts, f"excited('{kind}', {json.dumps(fields)})")
+    found = columns_of(scripts, f"excitationOf('{kind}', {json.dumps(fields)})")
     assert found.pop("begin") == made.begin
     np.testing.assert_array_equal(found.pop("time"), made.time)
     assert found.keys() == made.columns.keys()
@@ -123,7 +123,8 @@ def test_tests_of_the_requirements_are_the_bench_s(scripts: Browser, subject: Pa
             measure.histories(test, changed, starts) if test.kind == "repeat" else
             [measure.excitation(test, sign, changed) for sign in (1.0, -1.0)])
         for run, each in enumerate(made):
-            found = columns_of(scripts, f"embedded(DATA.tests[{k}].runs[{run}], new Setting({{supply_voltage: 31.7}}))")
+            found = columns_of(
+                scripts, f"testExcitation(DATA.tests[{k}].runs[{run}], new Setting({{supply_voltage: 31.7}}))")
             assert found.pop("begin") == each.begin
             np.testing.assert_array_equal(found.pop("time"), each.time)
             assert found.keys() == each.columns.keys()
@@ -145,7 +146,7 @@ def test_figures_are_the_bench_s(scripts: Browser, subject: ParameterSubject) ->
 def check_verdict(browser: Browser, expected: Sequence[Judged], values: Mapping[str, Any] | None = None) -> None:
     """Fail unless the page that is open judges a setting as the bench does."""
     found = browser.run("(measured => DATA.requirements.map(r => r.left_out ? null : judged(r, measured)))("
-                        "LONG.measured(window.page.actuator, new Setting(arguments[0])))", values or {})
+                        "COMPUTATIONS.measured(window.page.actuator, new Setting(arguments[0])))", values or {})
     for j, one in zip(expected, found, strict=True):
         if one is None:
             assert j.skipped, j.name

@@ -1,25 +1,24 @@
 "use strict";
-/* The actuator: its generated C as WebAssembly, limits and rules of its parameters, and runs. SI throughout. */
+/* The actuator: its generated C as WebAssembly, limits and rules of its parameters, and runs. All values are in SI. */
 
 /** A number as text in C's format %.{digits}g. */
 function general(x, digits) {
     if (!Number.isFinite(x)) return Number.isNaN(x) ? "nan" : x > 0 ? "inf" : "-inf";
     if (x === 0) return "0";
-    const [mantissa, exponent] = x.toExponential(digits - 1).split("e");
-    const power = Number(exponent), plain = power >= -4 && power < digits;
-    const text = plain ? x.toFixed(digits - 1 - power) : mantissa;
-    const short = text.includes(".") ? text.replace(/\.?0+$/, "") : text;
-    return plain ? short : `${short}e${power < 0 ? "-" : "+"}${String(Math.abs(power)).padStart(2, "0")}`;
+    const small = Math.abs(x.toPrecision(digits)) < 1e-4;
+    const [mantissa, exponent] = (small ? x.toExponential(digits - 1) : x.toPrecision(digits)).split("e");
+    const short = mantissa.includes(".") ? mantissa.replace(/\.?0+$/, "") : mantissa;
+    return exponent ? `${short}e${exponent.replace(/\d+/, power => power.padStart(2, "0"))}` : short;
 }
 
-/** A message with its values, in the formats of rules.py: %.6g, %s. */
+/** A message with its values in place of formats such as %.6g and %s, as in rules.py. */
 function formatted(message, values) {
     let next = 0;
     return message.replace(/%(?:\.(\d+))?([gs%])/g, (_, digits, kind) =>
         kind === "%" ? "%" : kind === "s" ? values[next++] : general(values[next++], Number(digits ?? 6)));
 }
 
-const MOST_ARGUMENTS = 256; // most arguments, and most results, of an equation
+const MOST_ARGUMENTS = 256; // limit of the numbers of arguments and of results of a function
 
 class Actuator {
     static async load(base64) {
@@ -41,7 +40,7 @@ class Actuator {
         this.values = this.reserve(MOST_ARGUMENTS);
     }
 
-    /** Reserves memory for doubles; returns its address. */
+    /** Reserves memory for `count` doubles; returns its address. */
     reserve(count) {
         const address = (this.top + 15) & ~15;
         this.top = address + 8 * count;
@@ -50,7 +49,7 @@ class Actuator {
         return address;
     }
 
-    /** The addresses of memory for `counts` doubles each; the next call overwrites it. */
+    /** The addresses of memory for as many doubles as each of `counts`; the next call reuses this memory. */
     scratch(...counts) {
         const {top} = this, addresses = counts.map(count => this.reserve(count));
         this.top = top;
@@ -65,18 +64,18 @@ class Actuator {
         this.doubles(this.parameters, DATA.parameters.length).set(DATA.parameters.map(p => Number(values[p.name])));
     }
 
-    /** Messages, as in rules.py, for parameters outside their limits; if there are none, for combinations. */
+    /** Messages, as in rules.py, for parameters outside their limits; if all are within, for broken rules. */
     problems(values) {
-        const single = DATA.parameters.filter(p => p.kind !== "Boolean").flatMap(p => {
-            const value = values[p.name], of = DATA.limits;
-            return !Number.isFinite(value) ? [formatted(of.not_finite, [p.name, value])] :
-                value < p.minimum ? [formatted(of.below, [p.name, value, p.minimum])] :
-                value > p.maximum ? [formatted(of.above, [p.name, value, p.maximum])] : [];
+        const outside = DATA.parameters.filter(p => p.kind !== "Boolean").flatMap(p => {
+            const value = values[p.name], messages = DATA.limits;
+            return !Number.isFinite(value) ? [formatted(messages.not_finite, [p.name, value])] :
+                value < p.minimum ? [formatted(messages.below, [p.name, value, p.minimum])] :
+                value > p.maximum ? [formatted(messages.above, [p.name, value, p.maximum])] : [];
         });
-        return single.length ? single : this.broken(values, false);
+        return outside.length ? outside : this.broken(values, false);
     }
 
-    /** Messages of the rules that parameters within their limits break: errors, or only `warnings`. */
+    /** Messages of the rules that parameters within their limits break: errors or, with `warnings`, warnings. */
     broken(values, warnings) {
         this.put(values);
         return DATA.rules.flatMap((rule, i) => {
@@ -85,7 +84,7 @@ class Actuator {
         });
     }
 
-    /** The largest steady motor torques [N.m] at motor speeds [rad/s] and a supply [V]; the smallest are -T(-w). */
+    /** The largest steady motor torques [N.m] at motor speeds [rad/s], at a supply [V]. */
     limitTorques(values, supply, speeds) {
         this.put(values);
         const count = speeds.length, [from, to] = this.scratch(count, count);
@@ -94,25 +93,26 @@ class Actuator {
         return this.doubles(to, count).slice();
     }
 
-    /** The equations of bench/linear/equations.py: start values, functions of arrays, and the schedule. With `hold` the
-        functions reuse the conditions of the previous call. */
+    /** The schedule, the start values, and plant and controllers as functions of arrays (bench/linear/equations.py).
+        With `hold` a function reuses the conditions of the previous call. */
     equations(values, supply) {
         this.put(values);
         this.code.at_rest_prepare(this.parameters, this.constants);
         const {states, kept, sampled} = DATA.linear;
-        const of = (name, count) => (x, hold = false) => {
+        const compiled = (name, count) => (x, hold = false) => {
             this.doubles(this.point, MOST_ARGUMENTS).set([supply, ...x]);
             this.code[name](this.parameters, this.constants, this.point, hold, this.values);
             return this.doubles(this.values, count).slice();
         };
         this.code.scheduled(this.parameters, this.values);
         const schedule = this.doubles(this.values, 9).slice();
-        return {schedule, start: of("at_rest_start", states + kept)([]), plant: of("at_rest_plant", states + 1),
-            controllers: of("at_rest_controllers", kept + 2 + sampled)};
+        return {schedule, start: compiled("at_rest_start", states + kept)([]),
+            plant: compiled("at_rest_plant", states + 1),
+            controllers: compiled("at_rest_controllers", kept + 2 + sampled)};
     }
 
-    /** Simulates a setting with changed parameters. The run has the excitation, and the outputs `names` as columns.
-        Throws an Error if it does not reach its end. */
+    /** Simulates a setting with changed parameters. Returns the excitation and the outputs `names` as columns. Throws
+        an Error if the run does not reach its end. */
     run(setting, excitation, names = DATA.outputs, changes = {}) {
         const inputs = setting.inputs(excitation), rows = excitation.time.length;
         this.put({...setting.parameters, ...changes});

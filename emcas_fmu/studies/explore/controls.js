@@ -1,8 +1,8 @@
 "use strict";
-/* The fields of the page: the main values with sliders, and a searchable list of all values. */
+/* The fields of the page: those of the main values, with sliders, and a searchable list of all values. */
 
-/** The range of a slider [SI]: the declared one; up to three times a positive value, except in °C; all allowed values
-    if their range is small; otherwise null. */
+/** The range of a slider [SI]: the declared one; up to three times a positive value, except in °C or if the limits are
+    at most four times the value apart; between limits at most 400 apart; otherwise null. */
 function sliderRange({range, unit, value, minimum, maximum}) {
     if (range) return range;
     if (value > 0 && unit !== "degC" && !(maximum - minimum <= 4 * value)) {
@@ -49,17 +49,16 @@ class Control {
         this.show(setting);
     }
 
-    /** Reads the field; a text that is not a number is passed on and refused later. */
+    /** Passes on the value in the field; a text that is not a number is refused when the setting is checked. */
     entered() {
         if (this.field.type === "checkbox") return this.change(this.field.checked);
         const text = this.field.value.trim(), value = Number(text.replace(",", ".").replace("−", "-"));
         return this.change(text === "" ? undefined : Number.isNaN(value) ? text : value * this.factor);
     }
 
-    /** Shows a setting's value. */
     show(setting) {
         const {name, minimum, maximum} = this.control, value = setting.get(name), start = setting.default(name);
-        if (start !== this.start) this.range = null;  // another kind of excitation has another initial value
+        if (start !== this.start) this.range = null;  // the initial value depends on the kind of excitation
         this.start = start;
         this.row.classList.toggle("changed", value !== start);
         this.again.hidden = value === start;
@@ -72,8 +71,8 @@ class Control {
     }
 }
 
-/** Shows the controls whose texts contain all words of a search, among all parameters and constant inputs. */
-function find(text) {
+/** Shows, in the list of all values, only those whose text contains all words of a search. */
+function searchControls(text) {
     const words = text.toLowerCase().split(/\s+/).filter(Boolean);
     for (const group of document.querySelectorAll("#controls details")) {
         const rows = [...group.querySelectorAll(".control")];

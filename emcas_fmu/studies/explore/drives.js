@@ -1,25 +1,25 @@
 "use strict";
-/* The drive in the sketch of the mechanism: parts with shapes, which each show a row of the outputs. */
+/* The drive in the sketch of the mechanism: parts, each with `shapes`, and with `show(row, parameters, highest)`, which
+ * moves them to a row of outputs; `highest` is the highest pressure [Pa] of the response. */
 
-const ARM = 55; // length of the lever in the drawing
-const WHEEL = 38; // radius of the worm wheel in the drawing
+const ARM = 55; // length of the lever, in units of the sketch
+const WHEEL = 38; // radius of the worm wheel, in units of the sketch
 
-/** An element of a drawing. */
 const shape = (tag, attributes, ...children) =>
     set(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, ...children);
 
-/** A motor at (x, y) with a spoke at its angle. */
+/** A motor at (x, y) with a spoke that turns by the motor angle. */
 function motor(x, y) {
     const circle = shape("circle", {class: "nut", r: 13}), spoke = shape("path", {class: "lever", d: "M0 0 V-11"});
     return {shapes: [shape("g", {transform: `translate(${x} ${y})`}, circle, spoke)],
         show: ({motor_angle: angle}) => set(spoke, {transform: `rotate(${degrees(angle)})`})};
 }
 
-/** The position of a lever's end in the drawing, to the right positive, from the position [m] of the nut or rod. */
+/** The position of a lever's end in the sketch, positive to the right, at a position [m] of the nut or rod. */
 const along = (position, {"kinematics.moment_arm": arm, "kinematics.initial_angle": initial}) =>
     ARM * (position / arm + Math.tan(initial));
 
-/** A lever, and the nut or rod that moves its end, in front of other shapes. */
+/** A lever with the nut or rod `mover`, placed by the output `position`, in front of the shapes `behind`. */
 function lever(position, mover, ...behind) {
     const arm = shape("path", {class: "lever"});
     return {shapes: [...behind, arm, mover], show(outputs, parameters) {
@@ -28,7 +28,7 @@ function lever(position, mover, ...behind) {
     }};
 }
 
-/** A worm below its wheel on the fin's hinge; the motor angle moves its threads, the fin angle the wheel. */
+/** A worm below its wheel on the fin's hinge; the motor angle moves the threads, the fin angle the wheel. */
 function worm() {
     const wheel = shape("path", {class: "nut wheel"}), threads = shape("path", {class: "worm"});
     const [top, middle, bottom] = [3, 14, 25].map(y => WHEEL + y);
@@ -41,7 +41,7 @@ function worm() {
             return `M${(WHEEL - 5) * x} ${(WHEEL - 5) * y} L${WHEEL * x} ${WHEEL * y}`;
         });
         set(wheel, {d: spokes.join(" ")});
-        /* A tooth at the bottom is in a gap between threads. */
+        /* The offset 0.5 puts the lowest tooth between two threads. */
         const offset = (WHEEL * outputs.motor_angle * starts / teeth / pitch + 0.5) % 1, half = Math.ceil(46 / pitch);
         const lines = Array.from({length: 2 * half + 1}, (_, k) => pitch * (k - half + offset)).filter(
             x => x > -42 && x < 46).map(x => `M${x} ${WHEEL + 3} L${x - 4} ${WHEEL + 25}`);
@@ -49,7 +49,7 @@ function worm() {
     }};
 }
 
-/** A cylinder with chambers as dark as their pressures are high, and a valve's spool or the direction of a pump. */
+/** A cylinder, whose chambers are darker at higher pressure, with the spool of a valve or the direction of a pump. */
 function cylinder() {
     const chambers = [0, 1].map(() => shape("rect", {class: "pressure", y: ARM - 11, height: 22}));
     const valve = DATA.outputs.includes("valve_position"), [left, right] = valve ? [-101, -55] : [-89, -67];
@@ -67,7 +67,7 @@ function cylinder() {
     }};
 }
 
-/** The parts of the drive of the page's actuator; none if its outputs show only the fin. */
+/** The parts of the drive of the page's actuator; none if the outputs contain no motion except the fin's. */
 function drive() {
     const has = name => DATA.outputs.includes(name), turned = y => has("motor_angle") ? [motor(-88, y)] : [];
     const path = (name, d) => shape("path", {class: name, d});

@@ -1,7 +1,7 @@
 "use strict";
 /* Eigenvalues of a real matrix (Golub & Van Loan, "Matrix Computations", sections 7.4 and 7.5). */
 
-/** A matrix with the same eigenvalues, scaled by powers of 2 so that its rows are about as large as its columns. */
+/** A similar matrix, scaled by powers of 2 until each row has about the norm of its column. */
 function balanced(a) {
     const whole = a.map(row => Float64Array.from(row));
     const sum = values => values.reduce((s, x) => s + Math.abs(x), 0);
@@ -20,7 +20,7 @@ function balanced(a) {
     return whole;
 }
 
-/** A similar matrix without elements below the first subdiagonal, by elimination; overwrites the argument. */
+/** A similar matrix without elements below the first subdiagonal, by elimination. Overwrites the argument. */
 function hessenberg(h) {
     const n = h.length;
     for (let m = 1; m < n - 1; ++m) {

@@ -1,5 +1,5 @@
 "use strict";
-/* Excitations: rows of inputs, a port of motions.py and bench/excitation.py. SI throughout. */
+/* Excitations, columns of inputs over time: a port of motions.py and bench/excitation.py. All values are in SI. */
 
 const STEP = DATA.constants.STEP;
 
@@ -7,7 +7,7 @@ function times(stop) {
     return Float64Array.from({length: Math.round(stop / STEP) + 1}, (_, k) => k * STEP);
 }
 
-/** By kind, the command as a share of its amplitude, at a time [s] since the start of the motion. */
+/** The command of each kind as a share of its amplitude, at a time [s] since the start of the motion. */
 const SHARES = {
     step: since => Number(since > -STEP / 2),
     slew: since => since > -STEP / 2 ? 1 : -1,
@@ -19,8 +19,8 @@ const SHARES = {
     },
 };
 
-/** The excitation of a kind, from its fields; a torque rises from the start of the motion or is constant. Throws an Error. */
-function excited(kind, fields) {
+/** The excitation of a kind with these fields. Throws an Error for a sweep that does not rise. */
+function excitationOf(kind, fields) {
     const {amplitude = 0, torque, duration, settle: begin = DATA.constants.LEAD_IN, low, high} = fields;
     if (low >= high) {
         const [from, to] = [low, high].map(f => general(f, 6));
@@ -33,22 +33,23 @@ function excited(kind, fields) {
     return {time, begin, columns};
 }
 
-/** The excitation of a CSV file, with a constant torque if the file has no torque. Throws an Error without a file. */
-function ofFile(file, torque) {
+/** The excitation of a CSV file, with a constant torque [N.m] if the file has none. Throws an Error without a file. */
+function fileExcitation(file, torque) {
     if (!file) throw new Error("choose a CSV file: a column time [s] and columns of inputs, SI");
     const {time, columns} = file, constant = torque ? {aero_torque: time.map(() => torque)} : {};
     return {time, begin: 0, columns: {...constant, ...columns}};
 }
 
-/** The jumps of a command: instant [s], level [rad], and the instant [s] of the next jump or the last row. */
+/** The jumps of a command, each with its instant [s], the level [rad] after it, and the end [s]: the next jump or the
+    last row. */
 function moves(time, command) {
     const jumps = [];
     for (let k = 1; k < time.length; ++k) if (command[k] !== command[k - 1]) jumps.push(k);
     return jumps.map((row, i) => ({start: time[row], level: command[row], end: time[jumps[i + 1] ?? time.length - 1]}));
 }
 
-/** Inputs at every step from the text of a CSV file, interpolated linearly, as in bench/excitation.py; `points` are the
-    file's own rows of the command. Throws an Error. */
+/** The inputs in the text of a CSV file, interpolated linearly at every step, as in bench/excitation.py. `points` are
+    the rows of the command in the file. Throws an Error. */
 function fromCsv(text, title) {
     const [names = [], ...lines] = text.replace(/^\uFEFF/, "").split(/\r?\n/).filter(line => line.trim()).map(line =>
         line.split(",").map(cell => cell.trim().replace(/^"(.*)"$/, "$1")));
@@ -71,11 +72,11 @@ function fromCsv(text, title) {
     if (problem) throw new Error(`${title}: ${problem}`.replace(/[^\x20-\uFFFF]/g, "?").slice(0, 400));
     const points = times(stop), command = column("fin_command");
     return {title, time: points, points: time.map((t, k) => [t, command[k]]),
-        columns: Object.fromEntries(inputs.map(name => [name, sampled(points, time, column(name))]))};
+        columns: Object.fromEntries(inputs.map(name => [name, resampled(points, time, column(name))]))};
 }
 
-/** A column at points of time: linear between its rows, the later value at a jump, constant outside. */
-function sampled(points, time, column) {
+/** A column interpolated at points of time: at a jump the later value, before and after the rows constant. */
+function resampled(points, time, column) {
     let after = 0;
     return points.map(point => {
         while (after < time.length && time[after] <= point * (1 + 1e-12)) ++after;

@@ -1,9 +1,9 @@
-/* The actuator of a page: batch.c, rules of its parameters, limits of motor and drive, its equations at rest. */
+/* The functions that a page calls: rules of the parameters, simulation, torque limits, and equations at rest. */
 #include "batch.c"
 #include "limits.h"
 #include "linear.h"
 
-/* Returns whether the parameters break a rule, and writes its message's numbers from numbers[1] on. */
+/* Returns whether the parameters break a rule, and writes the numbers of the rule's message from numbers[1] on. */
 API int rule_broken(size_t number, const double *parameters, double *numbers)
 {
     double constants[RULES_CONSTANTS];
@@ -11,8 +11,8 @@ API int rule_broken(size_t number, const double *parameters, double *numbers)
     return rules_broken(&RULE[number], parameters, constants, numbers);
 }
 
-/* Simulates an actuator from the start and writes all outputs at `rows` points of time, `step` [s] apart, column by
- * column as in the inputs `in`. Returns the number of rows reached, and writes the reason for the end (run_tables). */
+/* Simulates the actuator from its start and writes all outputs at `rows` points of time, `step` [s] apart, column by
+ * column like the inputs `in`. Returns the number of rows reached; `result` is the reason for the end (run_tables). */
 API size_t simulate_rows(const double *parameters, size_t rows, double step, const double *in, double *out, int *result)
 {
     const size_t run = 0;
@@ -43,7 +43,7 @@ API void limit_torques(const double *parameters, double supply, const double *sp
 #endif
 
 #ifdef LINEAR
-/* Writes the constants of the equations at rest, unless `constants` is null, and returns their number. */
+/* Returns the number of constants of the equations at rest, and writes them unless `constants` is null. */
 API size_t at_rest_prepare(const double *parameters, double *constants)
 {
     at_rest_begin(0);
@@ -51,7 +51,7 @@ API size_t at_rest_prepare(const double *parameters, double *constants)
     return LINEAR_CONSTANTS;
 }
 
-/* Writes the fields of the schedule (runtime/schedule.py). */
+/* Writes the fields of the schedule, in the order of runtime/schedule.py. */
 API void scheduled(const double *parameters, double *out)
 {
     double constants[KERNEL_CONSTANTS + 1];

@@ -1,7 +1,7 @@
 "use strict";
-/* Long computations for a setting, in a worker: the tests of the requirements, and frequency responses. */
+/* Long computations for a setting, which a worker runs: the tests of the requirements, and frequency responses. */
 
-/** The function `respond` of measure.js for a setting with changed parameters. */
+/** The function `respond` that measure.js calls, for a setting with changed parameters. */
 function responding(actuator, setting, changes) {
     return (excitation, names) => {
         try {
@@ -12,15 +12,15 @@ function responding(actuator, setting, changes) {
     };
 }
 
-/** Amplitude [rad] and load [N.m] of each frequency response: of the requirements, and of a sine or sweep if chosen. */
+/** Amplitude [rad] and load [N.m] of each frequency response: of the requirements, and of a chosen sine or sweep. */
 function sinesOf({kind, fields: {amplitude, torque}}) {
     const required = DATA.tests.filter(test => test.kind === "sine").map(test => [test.amplitude, 0]);
     const known = required.some(([size, load]) => size === amplitude && load === torque);
     return ["sine", "sweep"].includes(kind) && amplitude && !known ? [...required, [amplitude, torque]] : required;
 }
 
-const LONG = {
-    /** The figures of all tests of the requirements, by case. */
+const COMPUTATIONS = {
+    /** The figures of each test of the requirements, by case. */
     measured: (actuator, setting) => DATA.tests.map(test => Object.fromEntries(test.cases.map(name => {
         const changes = DATA.cases[name];
         return [name, test.kind === "linear" ? [loopOf(actuator, setting, changes) ?? {}] :
@@ -32,31 +32,31 @@ const LONG = {
         [sine, frequencyResponse(...sine, responding(actuator, setting, DATA.at_start))]),
 };
 
-/** The worker's program: it receives the name of a computation and a setting's values, and posts [result], or
+/** Runs in the worker: receives the name of a computation and the values of a setting, and posts [result], or
     [null, message] if the computation fails. */
-function answering(loaded) {
+function serve(loaded) {
     onmessage = async ({data: [name, values]}) => {
         try {
-            postMessage([LONG[name](await loaded, new Setting(values))]);
+            postMessage([COMPUTATIONS[name](await loaded, new Setting(values))]);
         } catch (error) {
             postMessage([null, error.message]);
         }
     };
 }
 
-/** A worker with the page's data, actuator and program. */
-class Worked {
+/** Runs computations in a worker with the page's data, actuator and program. */
+class Background {
     constructor([data, code, program]) {
-        const source = `const DATA = ${data};${program};answering(Actuator.load("${code.trim()}"));`;
+        const source = `const DATA = ${data};${program};serve(Actuator.load("${code.trim()}"));`;
         this.source = URL.createObjectURL(new Blob([source], {type: "text/javascript"}));
     }
 
-    /** Ends a computation without an answer. */
+    /** Ends a running computation, whose result is then never posted. */
     end() {
         this.worker?.terminate();
     }
 
-    /** Promises the result of a computation of LONG, or rejects with an Error; ends an earlier computation. */
+    /** Starts one of COMPUTATIONS in place of an earlier one; promises its result, or rejects with an Error. */
     ask(name, setting) {
         this.end();
         this.worker = new Worker(this.source);

@@ -1,17 +1,18 @@
 "use strict";
 /* The actuator linearised at rest at 0, and the margins of its loop broken at the drive's reference: a port of
- * bench/linear. Finite differences of the kernel's equations without quantisation; sampling and delay are exact. */
+ * bench/linear, with finite differences of the equations without quantisation. Sampling and delay are exact. */
 
-const DIFFERENCE = 1e-6; // step, relative to arguments above 1; Jacobians are accurate to 1e-7
-const AT_A_POLE = 1e-6; // distance from a pole within which a loop has no value, as in bench/linear/frequency.py
-const DECAYS = 1 - 1e-10; // largest magnitude of a pole z of a stable loop, as in bench/linear/systems.py
+const DIFFERENCE = 1e-6; // step of differences, relative to arguments above 1; Jacobians are accurate to 1e-7
+const AT_A_POLE = 1e-6; // distance from a pole z within which a response is not evaluated: bench/linear/frequency.py
+const DECAYS = 1 - 1e-10; // limit of the magnitudes of a stable loop's poles z, as in bench/linear/systems.py
 
 const zeros = (rows, columns) => Array.from({length: rows}, () => new Float64Array(columns));
 const unit = size => zeros(size, size).map((row, i) => row.fill(1, i, i + 1));
 const applied = (matrix, vector) => matrix.map(row => row.reduce((sum, x, k) => sum + x * vector[k], 0));
 const product = (a, b) => a.map(row => b[0].map((_, j) => row.reduce((sum, x, k) => sum + x * b[k][j], 0)));
 
-/** Values and Jacobian of a function of an array, by central differences; a choice keeps its side, as in ops/symbols. */
+/** The values and the Jacobian, by central differences, of a function of an array. All calls choose the same sides of
+    conditions, as in ops/symbols. */
 function differenced(f, at) {
     const x = Float64Array.from(at), values = f(x), slopes = zeros(values.length, x.length);
     for (const [j, middle] of at.entries()) {
@@ -26,7 +27,7 @@ function differenced(f, at) {
     return {values, slopes};
 }
 
-/** Solves linear equations by elimination; the last element of a row is its right side. */
+/** The solution of linear equations, by elimination; the last element of each row is its right side. */
 function solved(rows) {
     for (const k of rows.keys()) {
         let p = k;
@@ -38,7 +39,7 @@ function solved(rows) {
     return rows.map(row => row.at(-1));
 }
 
-/** The exponential of a matrix, by the series of a fraction of it, squared repeatedly. */
+/** The exponential of a matrix, by scaling, a power series and repeated squaring. */
 function exponential(a) {
     const size = largest(a.map(row => row.reduce((sum, x) => sum + Math.abs(x), 0)));
     const halvings = Math.max(0, Math.ceil(Math.log2(size)) + 2), scale = 2 ** -halvings;
@@ -51,10 +52,10 @@ function exponential(a) {
     return sum;
 }
 
-/** The sum of a row's elements at some indices. */
-const over = (row, indices) => indices.reduce((sum, j) => sum + row[j], 0);
+/** The sum of a row's elements at the indices. */
+const sumAt = (row, indices) => indices.reduce((sum, j) => sum + row[j], 0);
 
-/** The states that move, in groups; states with equal rates are one mode. */
+/** The indices of the moving states, in groups of equal rates, since states with equal rates are one mode. */
 function groupsOf(values, slopes, count) {
     const groups = new Map();
     for (let i = 0; i < count; ++i) {
@@ -64,22 +65,22 @@ function groupsOf(values, slopes, count) {
     return [...groups.values()];
 }
 
-/** The plant at rest at 0: arguments, groups of moving states, Jacobian; null if it cannot rest. */
-function rested(plant, start, held) {
-    const count = start.length, x = [...start, 0, 0, ...held];  // reference, hinge moment
+/** The plant at rest at 0, by Newton's method: arguments, groups of moving states, Jacobian; null if it cannot rest. */
+function equilibrium(plant, start, sampledStates) {
+    const count = start.length, x = [...start, 0, 0, ...sampledStates];  // the zeros are reference and hinge moment
     let moving;
     for (let k = 0; k < 30; ++k) {
         const {values, slopes} = differenced(plant, x);
         moving ??= groupsOf(values, slopes, count);
         const unknown = [...moving, [count]], n = unknown.length;
         const rows = unknown.map(([i]) => {
-            const row = [...unknown.map(group => over(slopes[i], group)), -values[i]];
+            const row = [...unknown.map(group => sumAt(slopes[i], group)), -values[i]];
             const size = magnitude(row.slice(0, n)) || 1;
             return Float64Array.from(row, value => value / size);
         });
         const change = solved(rows);
-        unknown.forEach((group, k) => group.forEach(i => { x[i] += change[k]; }));
         if (!change.every(Number.isFinite)) return null;
+        unknown.forEach((group, k) => group.forEach(i => { x[i] += change[k]; }));
         if (change.every((step, j) => Math.abs(step) <= 1e-12 * (1 + Math.abs(x[unknown[j][0]])))) {
             return {x, moving, slopes};
         }
@@ -87,34 +88,34 @@ function rested(plant, start, held) {
     return null;
 }
 
-/** The transposed matrices of a sample, of the loop open at the reference and of the closed loop, and the sample time
-    [s], for a setting with changed parameters. Null if the actuator cannot rest at 0. */
+/** For a setting with changed parameters, the transposed matrices of one sample, `open` with the loop broken at the
+    reference and `closed`, and the sample time `period` [s]. Null if the actuator cannot rest at 0. */
 function linearised(actuator, setting, changes) {
     const {states: count, kept, sampled, supply} = DATA.linear;
     const {start, plant, controllers, schedule} = actuator.equations(
         {...setting.parameters, ...changes}, supply ? Number(setting.get(supply)) : 0);
     const [period, , , arrival, , , whole] = schedule;
-    const rest = rested(plant, start.slice(0, count), start.slice(count + kept - sampled));
+    const rest = equilibrium(plant, start.slice(0, count), start.slice(count + kept - sampled));
     if (!rest) return null;
     const {x, moving, slopes} = rest, n = moving.length, ins = 1 + sampled, delayed = whole + Number(arrival > 0);
-    /* The plant over the parts of a period before and after the delayed reference arrives. */
+    /* The plant in the parts of a period before and after the delayed reference arrives. */
     const sources = [[count], ...Array.from({length: sampled}, (_, k) => [count + 2 + k])];
     const [before, after] = [arrival, period - arrival].map(time => exponential([
-        ...moving.map(([i]) => Float64Array.from([...moving, ...sources], group => time * over(slopes[i], group))),
+        ...moving.map(([i]) => Float64Array.from([...moving, ...sources], group => time * sumAt(slopes[i], group))),
         ...zeros(ins, n + ins)]));
     /* The controllers, without constant states such as an integral whose gain is 0. */
-    const {slopes: of} = differenced(controllers, [...start.slice(count), ...x.slice(0, count), 0]);
-    const varying = [...Array(kept).keys()].filter(i => of[i].some((slope, j) => slope !== Number(i === j)));
-    /* The states after a sample: of the plant, the delayed references (newest first), of the controllers. */
+    const {slopes: jacobian} = differenced(controllers, [...start.slice(count), ...x.slice(0, count), 0]);
+    const varying = [...Array(kept).keys()].filter(i => jacobian[i].some((slope, j) => slope !== Number(i === j)));
+    /* The states after a sample: plant, delayed references (newest first), controllers. */
     const sample = (states, closed) => {
         const at = Array(kept + count + 1).fill(0);
         moving.forEach((group, k) => group.forEach(i => { at[kept + i] = states[k]; }));
         varying.forEach((i, k) => { at[i] = states[n + delayed + k]; });
-        const answer = applied(of, at), held = answer.slice(kept + 2);
-        const sent = [closed ? answer[kept] : 0, ...states.slice(n, n + delayed), 0];
-        const middle = applied(before, [...states.slice(0, n), sent[whole + 1], ...held]);
-        const end = applied(after, [...middle.slice(0, n), sent[whole], ...held]);
-        return [...end.slice(0, n), ...sent.slice(0, delayed), ...varying.map(i => answer[i])];
+        const next = applied(jacobian, at), plantInputs = next.slice(kept + 2);
+        const sent = [closed ? next[kept] : 0, ...states.slice(n, n + delayed), 0];
+        const middle = applied(before, [...states.slice(0, n), sent[whole + 1], ...plantInputs]);
+        const end = applied(after, [...middle.slice(0, n), sent[whole], ...plantInputs]);
+        return [...end.slice(0, n), ...sent.slice(0, delayed), ...varying.map(i => next[i])];
     };
     const size = n + delayed + varying.length;
     const [open, closed] = [false, true].map(each => unit(size).map(states => sample(states, each)));
@@ -127,10 +128,10 @@ function loopAt(opened, closed, z) {
     return minus(ratios.reduce(multiplied, [1, 0]), [1, 0]);
 }
 
-/** The growth of a response over a sample: the largest magnitude of a pole z. */
+/** The growth of a response per sample: the largest magnitude of the poles z. */
 const growthOf = poles => largest(poles.map(z => Math.hypot(...z)));
 
-/** The frequency [Hz] between two at which a function changes its sign, by bisection to the last bit. */
+/** The frequency [Hz] between `low` and `high` at which a function changes its sign, by bisection to the last bit. */
 function signChange(f, low, high) {
     const below = f(low) > 0;
     for (let k = 0; k < 52; ++k) {
@@ -141,7 +142,8 @@ function signChange(f, low, high) {
     return low;
 }
 
-/** Additional points [Hz, response] between two where a resonance or notch turns or changes the response by a third. */
+/** Additional points [frequency in Hz, response] between two points if the response turns by more than 20°, or changes
+    by more than a third, between them. */
 function turning(at, low, high, depth = 16) {
     const [[from, [a, b]], [to, [c, d]]] = [low, high], size = Math.hypot(a, b) * Math.hypot(c, d);
     const turned = a * c + b * d < 0.94 * size, changed = Math.abs(Math.log(Math.hypot(c, d) / Math.hypot(a, b))) > 0.33;
@@ -150,9 +152,9 @@ function turning(at, low, high, depth = 16) {
     return [...turning(at, low, middle, depth - 1), middle, ...turning(at, middle, high, depth - 1)];
 }
 
-/** The loop of a setting with changed parameters: frequency [Hz], including resonances, gain [dB], unwrapped phase [°],
-    and its margins, with the crossovers [Hz] of gain and phase margin. Margins are NaN if the closed loop is unstable.
-    Null if the actuator cannot rest at 0. */
+/** The loop of a setting with changed parameters: frequency [Hz], refined at resonances, gain [dB], unwrapped phase
+    [°], margins, and the crossovers [Hz] of gain and phase margin. Margins are NaN if the closed loop is unstable. Null
+    if the actuator cannot rest at 0. */
 function loopOf(actuator, setting, changes) {
     const loop = linearised(actuator, setting, changes);
     if (!loop) return null;
@@ -160,13 +162,13 @@ function loopOf(actuator, setting, changes) {
     const {LOOP_LOWEST: lowest, LOOP_POINTS: points} = DATA.constants;
     const grid = Array.from({length: points}, (_, k) => lowest * (highest / lowest) ** (k / (points - 1)));
     const [opened, poles] = [open, closed].map(eigenvalues), stable = growthOf(poles) < DECAYS;
-    /* At an undamped pole there is no response; the points around it are enough. */
+    /* The response is infinite at an undamped pole: only the points around it are used. */
     const damped = opened.filter(([x, y]) => Math.abs(1 - Math.hypot(x, y)) > AT_A_POLE);
     const peaks = damped.map(([x, y]) => Math.atan2(y, x) / (2 * Math.PI * period));
     const at = f => loopAt(opened, poles, [Math.cos, Math.sin].map(wave => wave(2 * Math.PI * f * period)));
     const known = [...grid, ...peaks.filter(f => f > lowest && f < highest)].sort((f, g) => f - g).map(f => [f, at(f)]);
-    const followed = known.flatMap((point, k) => k ? [...turning(at, known[k - 1], point), point] : [point]);
-    const frequency = followed.map(([f]) => f), response = followed.map(([, value]) => value);
+    const refined = known.flatMap((point, k) => k ? [...turning(at, known[k - 1], point), point] : [point]);
+    const frequency = refined.map(([f]) => f), response = refined.map(([, value]) => value);
     const {gain, phase} = bode(response, -180);
     if (!stable || gain.every(value => value < -200)) {
         const none = {gain_margin: NaN, phase_margin: NaN, delay_margin: NaN, marks: []};
@@ -174,8 +176,8 @@ function loopOf(actuator, setting, changes) {
     }
     const crossed = f => [...frequency.keys()].slice(1).filter(k =>
         f(response[k - 1]) * f(response[k]) < 0).map(k => signChange(g => f(at(g)), frequency[k - 1], frequency[k]));
-    const free = z => opened.every(([x, y]) => Math.hypot(x - z, y) > AT_A_POLE);
-    const ends = [[1, 0], [-1, 0.5 / period]].filter(([z]) => free(z)).map(([z, f]) =>
+    const isFree = z => opened.every(([x, y]) => Math.hypot(x - z, y) > AT_A_POLE);
+    const ends = [[1, 0], [-1, 0.5 / period]].filter(([z]) => isFree(z)).map(([z, f]) =>
         [loopAt(opened, poles, [z, 0])[0], f]);
     const real = [...crossed(value => value[1]).map(f => [at(f)[0], f]), ...ends].filter(([value]) => value < 0);
     const gains = real.map(([value, f]) => [Math.abs(20 * Math.log10(-value)), f]);
@@ -186,8 +188,8 @@ function loopOf(actuator, setting, changes) {
     const least = (rows, size) => rows.reduce((a, b) => size(b) < size(a) ? b : a, [Infinity, NaN, Infinity]);
     const [gainMargin, phaseCrossover] = least(gains, ([x]) => x);
     const [phaseMargin, gainCrossover] = least(phases, ([x]) => Math.abs(x));
-    /* The branch of the phase nearest to -90° at the crossover. */
-    const read = (column, f) => sampled([f], frequency, column)[0];
+    /* The phase is shifted by whole turns to be as near as possible to -90° at the gain crossover. */
+    const read = (column, f) => resampled([f], frequency, column)[0];
     const turns = gainCrossover ? Math.round((read(phase, gainCrossover) + 90) / 360) : 0;
     phase.forEach((lag, k) => { phase[k] = lag - 360 * turns; });
     const marks = [phaseCrossover, gainCrossover].filter(f => f > 0 && f <= highest).map(f =>

@@ -1,9 +1,8 @@
 "use strict";
-/* The loops of the cases: Bode and Nichols plots with the margins, and the poles of the closed loop. */
+/* The loops of the cases: Bode and Nichols plots of the open loop with its margins, and poles of the closed loop. */
 
-/** The plots of the open loop, and the poles of the closed one. */
 class LoopPlots {
-    /** `change` moves a pole; see Poles. */
+    /** `change` is that of Poles. */
     constructor(box, change) {
         this.bode = bodePlots(["Gain of the open loop", "Phase of the open loop"], {turns: "y"});
         this.nichols = new Plot("Nichols plot", {x: "phase [°]", y: "gain [dB]", shared: false,
@@ -15,16 +14,16 @@ class LoopPlots {
 
     draw(cases, summary) {
         const loops = cases.filter(([, {loop}]) => loop).map(([letter, {loop}]) =>
-            ({...loop, label: labelled(cases, letter, "loop"), ...lookOf(letter)}));
+            ({...loop, label: caseLabel(cases, letter, "loop"), ...lookOf(letter)}));
         for (const plot of this.all) plot.figure.hidden = !loops.length;
-        const words = inTurn(cases, ({loop}) => marginsInWords(loop));
+        const words = caseTexts(cases, ({loop}) => loopText(loop));
         summary.textContent = words;
         if (!loops.length) return;
         drawBode(this.bode, [[0, "0 dB"], [-180, "−180°"]], loops.map(loop =>
             ({...loop, phase: loop.phase.map(value => value < -360 ? null : value)})), words);
         this.poles.draw(loops.map(loop => ({...loop, poles: upperPoles(loop)})));
         this.nichols.describe(words);
-        /* The plot shows the surroundings of the point at which the closed loop would oscillate. */
+        /* The plot shows the surroundings of the critical point, −180° and 0 dB. */
         this.nichols.over = u => {
             rule(u, "x", -180, "−180°");
             rule(u, "y", 0, "0 dB");
@@ -37,7 +36,7 @@ class LoopPlots {
     }
 }
 
-function marginsInWords(loop) {
+function loopText(loop) {
     if (!loop) return "the actuator cannot rest at 0, so its loop has no margins";
     if (!loop.stable) return "unstable when closed, so the loop has no margins";
     if (loop.idle) return "the fin does not react to the reference";

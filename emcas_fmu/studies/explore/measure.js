@@ -2,37 +2,38 @@
 /* The tests of requirements, a port of bench/measure.py, and their verdicts, a port of bench/verdict.py. SI throughout.
  * The function `respond(excitation, outputs)` returns a run, or null if the run does not reach its end. */
 
-/** The excitation of a test, from values and their counts; those of constant inputs are shares of the values set. */
-function embedded({begin, stop, columns}, setting) {
+/** The excitation of a test, whose columns are lists of [value, count]. The values of constant inputs are shares of the
+    setting's values. */
+function testExcitation({begin, stop, columns}, setting) {
     const whole = Object.entries(columns).map(([name, counted]) => {
-        const unit = HELD.some(v => v.name === name) ? Number(setting.get(name)) : 1;
+        const unit = CONSTANT_INPUTS.some(v => v.name === name) ? Number(setting.get(name)) : 1;
         return [name, Float64Array.from(counted.flatMap(([value, count]) => Array(count).fill(unit * value)))];
     });
     return {time: times(stop), begin, columns: Object.fromEntries(whole)};
 }
 
-/** The figures of a test, for each of its directions. */
+/** The figures of a test in each of its directions. */
 function measure(test, setting, respond) {
     if (test.kind === "sine") return [bandwidths(test.figures, sines(test.amplitude, 0, respond).at)];
-    const runs = test.runs.map(run => respond(embedded(run, setting), test.outputs));
+    const runs = test.runs.map(run => respond(testExcitation(run, setting), test.outputs));
     if (runs.includes(null)) return [{}];
     if (test.kind === "repeat") {
         const [used, fresh] = runs.map(({excitation: {time, begin}, outputs: {fin_angle: angle}}) =>
             between(begin, Infinity, time, angle)[1]);
         return [{repeat_error: magnitude(used.map((x, k) => x - fresh[k]))}];
     }
-    const sides = runs.map(moved), rates = sides.map(side => side.sustained_rate);
+    const sides = runs.map(sideFigures), rates = sides.map(side => side.sustained_rate);
     return sides.map(side => ({...side, rate_asymmetry: 1 - Math.min(...rates) / Math.max(...rates)}));
 }
 
-/** The figures of a step, a slew or a load. */
-function moved(run) {
+/** The figures of a step, slew or load in one direction. */
+function sideFigures(run) {
     const {time, begin, columns: {fin_command: command}} = run.excitation;
     const figures = {...usage(run, begin), ...(moves(time, command).length ? motion(run) : rest(run))};
     return {...figures, steady_error: Math.abs(figures.steady_error)};
 }
 
-/** The fundamental of the fin angle over a sine of the command, [real, imaginary]; NaN where it is not a sine. */
+/** The fundamental of the fin angle over a sine of the command, [real, imaginary]; NaN if the angle is not a sine. */
 function describingFunction(amplitude, load, frequency, respond) {
     const {CYCLES, FITTED, TRANSIENT: [cycles, seconds], PURE} = DATA.constants, turn = 2 * Math.PI * frequency;
     const begin = Math.max(cycles / frequency, seconds);
@@ -53,7 +54,8 @@ function describingFunction(amplitude, load, frequency, respond) {
     return pure ? [b / amplitude, a / amplitude] : [NaN, NaN];
 }
 
-/** The responses to sines of an amplitude [rad] under a load [N.m]: function `at` of the frequency, and the `known`. */
+/** The responses to sines of an amplitude [rad] under a load [N.m]: the function `at(frequency)`, and the map `known` of
+    those computed so far. */
 function sines(amplitude, load, respond) {
     const known = new Map();
     const at = frequency => {
@@ -65,14 +67,14 @@ function sines(amplitude, load, respond) {
 
 const LEVELS = {bandwidth_3db: gain => Math.hypot(...gain) - 10 ** (-3 / 20), bandwidth_90deg: ([real]) => real};
 
-/** The frequencies [Hz] at which gain or lag cross their levels, by bisection; none where a response is not a sine. */
+/** The frequencies [Hz] at which gain or lag cross their levels, by name of the figure; without those that are NaN. */
 function bandwidths(figures, at) {
     const crossings = figures.map(name => [name, crossed(f => LEVELS[name](at(f)))]);
     return Object.fromEntries(crossings.filter(([, value]) => !Number.isNaN(value)));
 }
 
-/** The frequency [Hz] at which a level, positive at low frequency, first falls to zero; otherwise the grid's highest.
-    NaN if the level is NaN at a lower frequency. */
+/** The frequency [Hz] at which a function `level`, positive at low frequency, first falls to zero, by bisection; the
+    highest of the grid if it stays positive; NaN if it is NaN at a lower frequency. */
 function crossed(level) {
     const {BANDWIDTHS: [lowest, highest], BISECTIONS, GRID} = DATA.constants;
     let low = lowest, high = lowest, there = 1;
@@ -91,7 +93,7 @@ function crossed(level) {
     return Number.isNaN(there) ? NaN : Math.sqrt(low * high);
 }
 
-/** The frequency response where it is a sine: frequency [Hz], gain [dB], unwrapped phase [°], bandwidths [Hz]. */
+/** The frequency response: frequencies [Hz] at which it is a sine, gain [dB], unwrapped phase [°], bandwidths [Hz]. */
 function frequencyResponse(amplitude, load, respond) {
     const {known, at} = sines(amplitude, load, respond), levels = bandwidths(Object.keys(LEVELS), at);
     for (const [k, frequency] of DATA.constants.GRID.entries()) {
@@ -102,8 +104,8 @@ function frequencyResponse(amplitude, load, respond) {
     return {frequency: pure.map(([f]) => f), ...bode(pure.map(([, response]) => response), 0), ...levels};
 }
 
-/** The verdict on a requirement: value and margin in the requirement's unit, margin in %, worst case, whether it is
-    met. `measured` has, for each test and case, the figures of all directions. */
+/** The verdict on a requirement: value and margin in the requirement's unit, margin in % of the limit, worst case, and
+    whether the requirement is met. `measured` has the figures of all directions for each test and case. */
 function judged({test, figure, cases, sense, limit, factor}, measured) {
     const most = sense === "<=", worse = most ? Math.max : Math.min;
     const values = cases.map(name => worse(...measured[test][name].map(side => side[figure] ?? NaN)));

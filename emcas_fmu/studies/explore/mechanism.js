@@ -1,11 +1,11 @@
 "use strict";
-/* A sketch of the mechanism at one time of the response: the fin, its command, and the drive that moves it. */
+/* A sketch of the mechanism at one time of the response: the fin, its command, and its drive. */
 
-const PLAYED = 5; // s, in which a shorter response is played; longer responses are played in real time
-const STILL = window.matchMedia("(prefers-reduced-motion: reduce)");
+const PLAYED = 5; // s, for which a shorter response is played in slow motion; longer ones are played in real time
+const REDUCED_MOTION = window.matchMedia("(prefers-reduced-motion: reduce)");
 
 class Mechanism {
-    /** Calls `moved(time)` when the user or the player sets the time [s]. */
+    /** Calls `moved(time)` when the user moves the slider, and while the response is played; the time is in s. */
     constructor(moved) {
         this.moved = moved;
         this.time = Infinity;
@@ -26,14 +26,14 @@ class Mechanism {
         this.button.addEventListener("click", () => this.playing ? this.stop() : this.play());
         const quiet = () => {
             this.stop();
-            this.button.hidden = STILL.matches;
+            this.button.hidden = REDUCED_MOTION.matches;
         };
-        STILL.addEventListener("change", quiet);
+        REDUCED_MOTION.addEventListener("change", quiet);
         quiet();
     }
 
-    /** Shows the response of a setting, at the same time as the last one. */
-    take({excitation, outputs}, parameters) {
+    /** Shows another response, at the time at which the last one was shown. */
+    showResponse({excitation, outputs}, parameters) {
         Object.assign(this, {excitation, outputs, parameters});
         this.highest = largest(["pressure_1", "pressure_2"].map(name => largest(outputs[name] ?? [1])));
         this.slider.max = this.end;
@@ -54,7 +54,7 @@ class Mechanism {
         const {outputs, parameters, excitation: {columns: {fin_command: command}}} = this;
         this.time = time;
         const k = Math.round(Math.min(time, this.end) / STEP), fin = outputs.fin_angle[k];
-        /* Positive angles turn the lever's end to the right; angles of the drawing are clockwise. */
+        /* A positive angle turns the lever's end to the right, hence counterclockwise; SVG counts clockwise. */
         set(this.fin, {transform: `rotate(${-degrees(fin)})`});
         set(this.command, {transform: `rotate(${-degrees(command?.[k] ?? 0)})`});
         const row = Object.fromEntries(Object.entries(outputs).map(([name, column]) => [name, column[k]]));

@@ -1,6 +1,5 @@
 "use strict";
-/* The figures of a response that the page shows, a port of bench/metrics.py: a browser has neither numpy nor scipy. A
- * test compares both. SI throughout. */
+/* The figures of a response that the page shows, a port of bench/metrics.py. All values are in SI. */
 
 const mean = values => values.reduce((sum, x) => sum + x, 0) / values.length;
 const largest = values => values.reduce((most, x) => Math.max(most, x), -Infinity);
@@ -27,7 +26,7 @@ function crossing(time, values, level) {
     return time[k - 1] + (level - values[k - 1]) / (values[k] - values[k - 1]) * (time[k] - time[k - 1]);
 }
 
-/** The time [s] from the first row until `distance` stays within `band`; Infinity if this is in the last third. */
+/** The time [s] from the first row until `distance` stays within `band`; Infinity for a time in the last third. */
 function settled(time, distance, band) {
     const last = time.length - 1, k = distance.findLastIndex(value => !(value <= band));
     if (k < 0) return 0;
@@ -37,13 +36,12 @@ function settled(time, distance, band) {
     return after > (1 - DATA.constants.HELD) * (time[last] - time[0]) ? Infinity : after;
 }
 
-/** Time and columns from `start` to `end` [s], including both ends to within a nanosecond. */
+/** The rows of time and columns from `start` to `end` [s], including rows up to a nanosecond outside. */
 function between(start, end, time, ...columns) {
     const first = time.findIndex(t => t >= start - 1e-9), last = time.findLastIndex(t => t <= end + 1e-9) + 1;
     return [time, ...columns].map(column => column.subarray(first, last));
 }
 
-/** The last third of a column. */
 function lastThird(time, column) {
     const end = time[time.length - 1];
     return between(end - DATA.constants.HELD * (end - time[0]), end, time, column)[1];
@@ -76,7 +74,7 @@ function motion(run) {
     };
 }
 
-/** The figures of a fin under a hinge moment at command 0. */
+/** The figures of a fin that is held at command 0 under a hinge moment. */
 function rest(run) {
     const {excitation: {time, begin, columns}, outputs} = run, side = Math.sign(mean(columns.aero_torque));
     const [, angle] = between(begin, Infinity, time, outputs.fin_angle);
@@ -86,7 +84,7 @@ function rest(run) {
 const REDUCTIONS = {peak: magnitude, rms, share: column => mean(column.map(x => Number(x > 0.5)))};
 const POWERS = [[1, "peak_power", "energy_drawn"], [-1, "peak_returned_power", "energy_returned"]];
 
-/** The usage figures of any run from `begin` [s] on, as far as it has the outputs. */
+/** The usage figures of a run from `begin` [s] on whose outputs the run contains. */
 function usage({excitation: {time: rows}, outputs: whole}, begin = 0) {
     const [time, ...columns] = between(begin, Infinity, rows, ...Object.values(whole)), figures = {};
     const outputs = Object.fromEntries(Object.keys(whole).map((name, k) => [name, columns[k]]));
@@ -101,7 +99,7 @@ function usage({excitation: {time: rows}, outputs: whole}, begin = 0) {
     return figures;
 }
 
-/** All figures of a run; those of a motion only if the command jumps once from `begin` on. */
+/** All figures of a run; those of a motion only if the command jumps exactly once from `begin` of the excitation on. */
 function figures(run) {
     const {time, begin, columns: {fin_command: command}} = run.excitation;
     const jumps = command ? moves(time, command).filter(({start}) => start > begin - STEP / 2) : [];

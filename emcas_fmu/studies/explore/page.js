@@ -1,13 +1,13 @@
 "use strict";
-/* The page: plots and tables show the response to the user's setting. Case B is the live one, case A the kept one. */
+/* The page: plots and tables of the response to the user's setting (case B, live) and to a kept setting (case A). */
 
 const $ = id => document.getElementById(id);
-const REST = 300; // ms without a change before long computations
+const PAUSE = 300; // ms without a change after which long computations begin
 
 class Page {
     constructor(actuator) {
         this.actuator = actuator;
-        this.worked = new Worked(["data", "actuator", "program"].map(id => $(id).textContent));
+        this.background = new Background(["data", "actuator", "program"].map(id => $(id).textContent));
         this.controls = [...document.querySelectorAll("[data-name]")].map(row =>
             new Control(row, (name, value) => this.change(name, value)));
         this.plots = DATA.panels.map(({title, shown: [unit]}, k) => new Plot(title, {
@@ -25,14 +25,14 @@ class Page {
             x: `motor speed [${DATA.plane.speed[0]}]`, y: `[${DATA.plane.torque[0]}]`, shared: false, height: 235});
         if (this.plane) $("plane").append(this.plane.figure);
         this.drawing = new Drawing(this.plots[0], points =>
-            this.fly(DRAWN, () => drawnFile(points(), this.live.setting)));
+            this.showFile(DRAWN, () => drawnFile(points(), this.live.setting)));
         this.loop = DATA.linear && new LoopPlots($("loop"), (target, pole) => this.movePole(target, pole));
         this.listen();
         this.restore();
     }
 
     listen() {
-        $("search").addEventListener("input", () => find($("search").value));
+        $("search").addEventListener("input", () => searchControls($("search").value));
         $("kind").addEventListener("change", () => {
             if ($("kind").value === "csv") $("file").click();
             this.change("excitation.kind", $("kind").value);
@@ -45,7 +45,8 @@ class Page {
             drop: () => this.show(this.live, null), reset: () => this.begin({setting: new Setting()}),
             "save-parameters": () => this.save("parameters.toml", () => parameterFile(this.live.setting)),
             "save-inputs": () => this.save("inputs.csv", () => csv(this.inputs())),
-            "save-response": () => this.save("response.csv", () => csv(this.response()))})) {
+            "save-response": () => this.save("response.csv", () =>
+                csv({...this.inputs(), ...this.live.run.outputs}))})) {
             $(id).addEventListener("click", action);
         }
         window.addEventListener("hashchange", () => this.restore());
@@ -61,21 +62,22 @@ class Page {
         this.show({setting: setting.with(name, value ?? setting.default(name))});
     }
 
-    /** Moves a pole [Hz] towards a target by two gains, within their sliders' ranges; returns the pole reached. */
+    /** Sets two gains, within their sliders' ranges, to move a pole [Hz] towards a target; returns the pole reached. */
     movePole(target, pole) {
         const {setting} = this.live, closedAt = gains => {
             const changes = Object.fromEntries(PLACING.map((name, k) => [name, gains[k]]));
             const loop = linearised(this.actuator, setting, changes);
             return loop ? {...loop, poles: eigenvalues(loop.closed)} : {poles: []};
         };
-        const start = PLACING.map(name => setting.get(name)), most = Math.max(DECAYS, growthOf(closedAt(start).poles));
+        const start = PLACING.map(name => setting.get(name));
+        const fastest = Math.max(DECAYS, growthOf(closedAt(start).poles));
         /* A stable loop stays stable, and an unstable one does not grow faster. */
         const polesAt = (gains, keep) => {
             const loop = closedAt(gains);
-            return keep && growthOf(loop.poles) > most ? [] : upperPoles(loop);
+            return keep && growthOf(loop.poles) > fastest ? [] : upperPoles(loop);
         };
         const ranges = PLACING.map(name => this.controls.find(({control}) => control.name === name).range ?? [0, 0]);
-        const reached = placed(polesAt, start, ranges, pole, target);
+        const reached = placePole(polesAt, start, ranges, pole, target);
         this.show({setting: PLACING.reduce((changed, name, k) =>
             changed.with(name, Number(general(reached.gains[k], 6))), setting)});
         return reached.pole;
@@ -86,7 +88,7 @@ class Page {
         this.refresh();
     }
 
-    /** Shows settings of a link, preset or reset, with the sliders' initial ranges and the initially chosen pole. */
+    /** Shows the setting of a link, preset or reset, with the initial ranges of the sliders and the initial pole. */
     begin(live, kept = this.kept) {
         for (const control of this.controls) control.range = null;
         if (this.loop) this.loop.poles.pole = null;
@@ -99,29 +101,30 @@ class Page {
 
     async open(file) {
         if (!file) return;
-        await this.fly(file.name, () => {
+        await this.showFile(file.name, () => {
             if (file.size > MOST_BYTES) throw new Error(`${file.name}: the file is larger than ${MOST_BYTES / 1e6} MB`);
             return file.text();
         });
         $("file").value = "";
     }
 
-    /** Shows the response to the CSV file whose text `read` returns, or the fault of the file. */
-    async fly(title, read) {
+    /** Shows the response to the CSV file whose text `read` returns, or the error in the file. */
+    async showFile(title, read) {
         try {
             const text = await read(), rows = fromCsv(text, title);
-            this.show({setting: this.live.setting.withFile({...rows, text, packed: await packed(title, text)})});
+            const file = {...rows, text, packed: await packed(title, text)};
+            this.show({setting: new Setting({...this.live.setting.values, "excitation.kind": "csv"}, file)});
         } catch (error) {
-            this.say([error.message]);
+            this.showMessages([error.message]);
         }
     }
 
-    /** Reads the settings in the page's address; waits only for a CSV file. */
+    /** Shows the settings in the page's address. */
     async restore() {
-        if (location.hash === this.written) return;
+        if (location.hash === this.hash) return;
         const link = new URLSearchParams(location.hash.slice(1)), notes = [];
         const files = {};
-        for (const name of ["A", "B"].filter(each => link.has(`${each}.csv`))) {
+        for (const name of ["A", "B"].filter(letter => link.has(`${letter}.csv`))) {
             try {
                 files[name] = await unpacked(link.get(`${name}.csv`));
             } catch (error) {
@@ -159,28 +162,29 @@ class Page {
         for (const id of ["drop", "swap"]) $(id).disabled = !this.kept;
         $("keep").setAttribute("aria-pressed", String(this.kept !== null));
         cancelAnimationFrame(this.frame);
-        clearTimeout(this.resting);
-        this.worked.end();
+        clearTimeout(this.timer);
+        this.background.end();
         this.frame = requestAnimationFrame(() => this.compute());
     }
 
     compute() {
-        const problems = this.answer(this.live), ofKept = this.kept ? this.answer(this.kept) : [];
-        this.say(problems, [...this.live.warnings ?? [], ...ofKept.map(problem => `A is not shown: ${problem}`)]);
+        const problems = this.evaluate(this.live), ofKept = this.kept ? this.evaluate(this.kept) : [];
+        const warnings = [...this.live.warnings ?? [], ...ofKept.map(problem => `A is not shown: ${problem}`)];
+        this.showMessages(problems, warnings);
         for (const name of ["parameters", "inputs", "response"]) $(`save-${name}`).disabled = problems.length > 0;
         if (problems.length) return;
         for (const control of this.controls) control.widen(this.live.setting);
         DATA.panels.forEach((panel, number) => drawPanel(this.plots[number], panel, number, this.cases));
-        this.mechanism.take(this.live.run, this.live.setting.parameters);
+        this.mechanism.showResponse(this.live.run, this.live.setting.parameters);
         if (this.plane) drawPlane(this.plane, this.actuator, this.cases);
         drawFigures($("figures"), this.cases);
         if (this.loop) this.loop.draw(this.cases, $("loop-summary"));
         document.body.classList.add("waiting");
-        this.resting = setTimeout(() => this.rest(), REST);
+        this.timer = setTimeout(() => this.finish(), PAUSE);
     }
 
-    /** Computes and stores the response of a case {setting} if it is missing; returns the problems. */
-    answer(each) {
+    /** Computes and stores the response of a case {setting} if it is missing; returns the messages of its problems. */
+    evaluate(each) {
         if (each.problems) return each.problems;
         const {setting} = each, {parameters, unreadable} = setting;
         each.problems = unreadable.length ? unreadable : [...setting.problems, ...this.actuator.problems(parameters)];
@@ -189,14 +193,15 @@ class Page {
             each.run = this.actuator.run(setting, setting.excite());
             each.figures = figures(each.run);
             each.loop = DATA.linear && loopOf(this.actuator, setting);
-            each.warnings = [...clipped(setting, each.run.excitation), ...this.actuator.broken(parameters, true)];
+            const clipping = clippingWarnings(setting, each.run.excitation);
+            each.warnings = [...clipping, ...this.actuator.broken(parameters, true)];
         } catch (error) {
             each.problems = [error.message];
         }
         return each.problems;
     }
 
-    say(problems, warnings = []) {
+    showMessages(problems, warnings = []) {
         for (const [id, texts] of Object.entries({problems, warnings})) {
             $(id).replaceChildren(...texts.map(text => element("p", {}, text)));
         }
@@ -215,41 +220,36 @@ class Page {
             if (setting?.kind === "csv" && setting.file?.packed) link.set(`${name}.csv`, setting.file.packed);
         }
         history.replaceState(null, "", `#${link}`);
-        this.written = location.hash;
+        this.hash = location.hash;
     }
 
-    /** Does what takes long, once the setting rests: requirements, the Bode plot, texts, the link. */
-    async rest() {
+    /** Writes link and texts and starts long computations, after a pause in the changes. */
+    async finish() {
         this.writeLink();
         this.describe();
         try {
-            await this.judge();
+            for (const [, each] of this.cases) each.verdicts ??= await this.verdicts(each.setting);
+            drawStrip($("verdicts"), $("verdict"), this.cases);
+            drawRequirements($("requirements"), this.cases);
+            for (const [, each] of this.cases) each.responses ??= await this.responses(each.setting);
+            drawResponses(this.bode, this.cases);
+            $("bode-summary").textContent = bodeSummary(this.cases);
             document.body.classList.remove("waiting");
-        } catch ({message}) {  // earlier results stay dimmed
+        } catch ({message}) {  // the earlier results stay visible, but dimmed
             $("warnings").append(element("p", {}, `requirements and frequency responses are not computed: ${message}`));
         }
         document.body.dataset.ready = String(Number(document.body.dataset.ready ?? 0) + 1);
     }
 
-    /** Judges the requirements, and computes the Bode plot. Throws an Error. */
-    async judge() {
-        for (const [, each] of this.cases) each.verdicts ??= await this.verdicts(each.setting);
-        drawStrip($("verdicts"), $("verdict"), this.cases);
-        drawRequirements($("requirements"), this.cases);
-        for (const [, each] of this.cases) each.responses ??= await this.responses(each.setting);
-        drawResponses(this.bode, this.cases);
-        $("bode-summary").textContent = bodeSummary(this.cases);
-    }
-
-    /** The verdicts on a setting, by requirement. */
+    /** The verdicts on a setting by the requirements' names. */
     async verdicts(setting) {
-        const measured = await this.worked.ask("measured", setting);
-        return new Map(ABLE.map(requirement => [requirement.name, judged(requirement, measured)]));
+        const measured = await this.background.ask("measured", setting);
+        return new Map(JUDGED.map(requirement => [requirement.name, judged(requirement, measured)]));
     }
 
-    /** The frequency responses of a setting with their labels. */
+    /** The frequency responses of a setting, each as [label, response]. */
     async responses(setting) {
-        return (await this.worked.ask("responses", setting)).map(([[amplitude, load], response]) =>
+        return (await this.background.ask("responses", setting)).map(([[amplitude, load], response]) =>
             [withUnit(degrees(amplitude), "°") + (load ? `, ${withUnit(load, "N·m")}` : ""), response]);
     }
 
@@ -259,23 +259,23 @@ class Page {
         $("summary").textContent = listed.map(([name, value]) => `${words(name)} ${inUnit(name, value)}`).join(", ");
         DATA.panels.forEach((panel, k) => this.plots[k].describe(panel.names.map(name => {
             const column = this.live.run.outputs[name], [unit, factor] = panel.shown, last = column[column.length - 1];
-            if (named(panel)) return `${words(name)} at the end ${named(panel)(last)}`;
+            if (toWords(panel)) return `${words(name)} at the end ${toWords(panel)(last)}`;
             const [least, most, end] = [smallest(column), largest(column), last].map(x => withUnit(x / factor, unit));
             return `${words(name)} from ${least} to ${most}, at the end ${end}`;
         }).join("; ")));
     }
 
+    /** The columns of a file of inputs: the excitation, and constant inputs that differ from their start values. */
     inputs() {
-        return inputColumns(this.live.setting, this.live.run.excitation);
+        const {setting, run: {excitation: {time, columns}}} = this.live;
+        const changed = CONSTANT_INPUTS.filter(({name, start}) => setting.get(name) !== start);
+        const constant = changed.map(({name}) => [name, time.map(() => Number(setting.get(name)))]);
+        return {time, ...Object.fromEntries(constant), ...columns};
     }
 
-    response() {
-        return {...this.inputs(), ...this.live.run.outputs};
-    }
-
-    /** Saves a file of the live case, even before its response is shown, unless the case has problems. */
+    /** Saves a file of case B, even before its response is shown, unless it has problems. */
     save(name, text) {
-        if (!this.answer(this.live).length) save(name, text());
+        if (!this.evaluate(this.live).length) save(name, text());
     }
 
     async copyLink() {

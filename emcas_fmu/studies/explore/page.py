@@ -1,4 +1,4 @@
-"""The page of one actuator: its C compiled to WebAssembly, and the data for the page's scripts."""
+"""The explorer's page of an actuator: its C code as WebAssembly, and the data for the page's scripts."""
 
 from __future__ import annotations
 
@@ -45,15 +45,15 @@ from ...variables import Variable
 _HERE = "emcas_fmu.studies.explore"
 _MAIN = "explore.c"
 _PROGRAM = ("actuator.js", "excitations.js", "metrics.js", "measure.js", "settings.js", "eigenvalues.js", "linear.js",
-            "judging.js")  # scripts of the page and of its worker
-_SCRIPTS = ("plots.js", "results.js", "poles.js", "loop.js", "drives.js", "mechanism.js", "controls.js", "drawn.js",
+            "judging.js")  # scripts that both the page and its worker run
+_SCRIPTS = ("plots.js", "results.js", "poles.js", "loop.js", "drives.js", "mechanism.js", "controls.js", "drawing.js",
             "page.js")
-_MOST_FIRST = 12  # most parameters with sliders, for an actuator without gains
+_MOST_FIRST = 12  # largest number of parameters with sliders, for an actuator without gains
 _PLANE = ("motor_speed", "motor_torque")
 _HEADLINES = ("rise_time", "settling_time", "overshoot", "held_error", "peak_rate", "peak_current", "energy_drawn")
 _NO_LOOP = f"margins need {capabilities.POSITION_LOOP} and derivatives, which this actuator does not have"
 _CONSTANTS = {
-    "MOST_ROWS": 60_000,  # most steps of a CSV file: a minute
+    "MOST_ROWS": 60_000,  # largest number of steps in a CSV file: one minute
     **{name: getattr(measure, name) for name in ("BANDWIDTHS", "GRID", "BISECTIONS", "CYCLES", "FITTED", "TRANSIENT",
                                                  "LOOP_LOWEST", "LOOP_POINTS")},
     "STEP": motions.STEP, "LEAD_IN": motions.LEAD_IN, "ACCURACY": metrics.ACCURACY, "HELD": metrics.HELD, "PURE": PURE}
@@ -67,22 +67,23 @@ def sources(model: str) -> dict[str, str]:
         limits = f"#define LIMITS\n{c_source(traced_functions(model, [torque]), 'limits')}"
     return {_MAIN: handwritten(_MAIN, _HERE), **batch_sources(model),
             "limits.h": header("limits", "Limits of motor and drive", f"#include <math.h>\n\n{limits}"),
-            "held.h": handwritten("held.h", _HERE),
+            "conditions.h": handwritten("conditions.h", _HERE),
             "linear.h": header("linear", "The actuator at rest without quantisation", _linear_functions(model))}
 
 
 def _linear_functions(model: str) -> str:
-    """Return the C of linear analysis, functions of parameters, constants and an array of arguments; empty without it.
+    """Return the C functions of linear analysis; empty for an actuator without it.
 
-    With `hold` a function reuses the conditions of the previous call: a choice keeps its side for differentiation.
+    With `hold` a function reuses the conditions of the previous call: differences do not cross a discontinuity.
     """
     if not _linear(get(model)):
         return ""
     tracer = equations.program(model)
-    kept = {name: f"held({TEMPLATES[name]})" for name in ("less", "less_equal", "greater", "greater_equal", "equal")}
-    functions = c_source(tracer, "linear", {**TEMPLATES, **kept})
+    conditions = ("less", "less_equal", "greater", "greater_equal", "equal")
+    functions = c_source(tracer, "linear", {**TEMPLATES, **{x: f"recorded({TEMPLATES[x]})" for x in conditions}})
     pieces = [f"#include <math.h>\n\n#include \"elementary.h\"\n\n#define LINEAR\n"
-              f"enum {{ LINEAR_CONDITIONS = {functions.count('held(') + 1} }};\n#include \"held.h\"\n\n{functions}"]
+              f"enum {{ LINEAR_CONDITIONS = {functions.count('recorded(') + 1} }};\n"
+              f"#include \"conditions.h\"\n\n{functions}"]
     for function in tracer.functions:
         arguments = ", ".join(f"x[{k}]" for k in range(len(function.arguments)))
         pieces.append(f"API void at_rest_{function.name}(const double *p, const double *c, const double *x, int hold, "
@@ -92,7 +93,7 @@ def _linear_functions(model: str) -> str:
 
 
 def _linear(actuator: Actuator) -> bool:
-    """Return whether linear analysis can break the actuator's loop at the reference."""
+    """Return whether the actuator has a position loop and derivatives for linear analysis."""
     return capabilities.POSITION_LOOP in actuator.provides and actuator.derivatives is not None
 
 
@@ -103,7 +104,7 @@ def _limited(actuator: Actuator) -> bool:
 
 
 def compiled(files: Mapping[str, str]) -> bytes:
-    """Return C sources compiled to WebAssembly. Raises EmcasError without zig, CompilerError if compiling fails."""
+    """Compile C sources, by file name, to WebAssembly. Raises EmcasError without zig, CompilerError if this fails."""
     compiler = zig()
     if compiler is None:
         raise EmcasError("emcas explore needs zig, which is not installed: pip install 'emcas-fmu[native]'")
@@ -111,19 +112,19 @@ def compiled(files: Mapping[str, str]) -> bytes:
 
 
 def packed(code: bytes) -> str:
-    """Return WebAssembly as text for a page: compressed to a third (raw deflate, RFC 1951), in base64."""
+    """Return WebAssembly as text for a page: compressed (raw deflate, RFC 1951) and encoded in base64."""
     deflate = zlib.compressobj(9, wbits=-zlib.MAX_WBITS)
     return base64.b64encode(deflate.compress(code) + deflate.flush()).decode()
 
 
 def document(subject: ParameterSubject, inputs: Mapping[str, float], specification: Specification) -> dict[str, Any]:
-    """Return the data for the page's scripts: actuator, parameters, constant `inputs` [SI], requirements."""
+    """Return the data for the page's scripts; `inputs` are constant values [SI] by name, in place of start values."""
     parameters, model, actuator = subject.parameters, full_name(subject.model), subject.actuator
     shipped = load_parameters(model=model).values
     entries = {e.variable.name: e for e in parameters.entries}
     starts = {v.name: inputs.get(v.name, v.initial(parameters.values)) for v in actuator.inputs}
     table = [x for name, x in parameters.values.items() if name.startswith("friction.table.temperature[")]
-    described: dict[str, Any] = {
+    return dict(plain({
         "tool": f"emcas {__version__}",
         "model": "+".join((Path(parts(model)[0]).name, *parts(model)[1])),  # without the folder of a user's file
         "parameters": [{**_parameter(entries[v.name]), "shipped": shipped[v.name],
@@ -142,9 +143,7 @@ def document(subject: ParameterSubject, inputs: Mapping[str, float], specificati
                     for name, figure in metrics.FIGURES.items() if name in (*metrics.MOTION, *metrics.USAGE)},
         "headlines": _HEADLINES, "usage": metrics.REDUCED, "constants": _CONSTANTS,
         **_judging(specification, subject), **_excitations(parameters.values["command.limit"], starts[LOAD]),
-    }
-    result: dict[str, Any] = plain(described)
-    return result
+    }))
 
 
 def _quantity(v: Variable) -> dict[str, Any]:
@@ -154,13 +153,13 @@ def _quantity(v: Variable) -> dict[str, Any]:
 
 
 def _shown(unit: str, shown: tuple[str, float] | None = None) -> tuple[str, float]:
-    """Return the displayed unit of a value, typeset, and the size of this unit in SI."""
+    """Return the typeset unit in which the page shows a value, and the size of this unit in SI."""
     name, per_si = shown or metrics.shown(unit)
     return typeset(name), 1.0 / per_si
 
 
 def _presets(parameters: ParameterSet, inputs: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Return presets with the values they change: the reference cases cold and sag, and the sets for this actuator."""
+    """Return the presets: initial values, conditions of the reference cases cold and sag, sets for this actuator."""
     values, actuator = parameters.values, parameters.actuator
     keys = {v.key: v.name for v in actuator.inputs if v.key}
     (cold,) = cases.select(["cold"], {case.name: case for case in cases.CASES}).values()
@@ -183,7 +182,7 @@ def _presets(parameters: ParameterSet, inputs: Mapping[str, float]) -> list[dict
 
 
 def _plane(actuator: Actuator) -> dict[str, Any] | None:
-    """Return input and units of the torque-speed plane; None for an actuator without these limits."""
+    """Return supply input and units of the torque-speed plane; None for an actuator without torque limits."""
     if not _limited(actuator):
         return None
     speed, torque = (next(v for v in actuator.outputs if v.name == name) for name in _PLANE)
@@ -193,9 +192,9 @@ def _plane(actuator: Actuator) -> dict[str, Any] | None:
 
 
 def _sizes(model: str) -> dict[str, Any] | None:
-    """Return the numbers of states in the functions of linear analysis; None for an actuator without its loop.
+    """Return the numbers of states in the functions of linear analysis; None for an actuator without it.
 
-    `kept` counts the states of the controllers and those that samples set.
+    `kept` is the number of states that samples set: those of the controllers, and sampled states of the plant.
     """
     plain = get(equations.plain(model))
     if not _linear(plain):
@@ -206,7 +205,7 @@ def _sizes(model: str) -> dict[str, Any] | None:
 
 
 def _excitations(limit: float, torque: float) -> dict[str, Any]:
-    """Return the kinds of excitation on the page, and their fields with the ranges of the sliders.
+    """Return the kinds of excitation on the page, and their fields with the sliders' ranges.
 
     `limit` [rad] is the largest command, `torque` [N.m] the initial hinge torque.
     """
@@ -223,7 +222,7 @@ def _excitations(limit: float, torque: float) -> dict[str, Any]:
 
 
 def _parameter(entry: Entry) -> dict[str, Any]:
-    """Return a parameter for the page, in the unit of its file."""
+    """Return a parameter for the page, shown in the unit of its parameter file."""
     v, unit = entry.variable, entry.text.partition(" ")[2]
     shown = typeset(v.unit), 1.0
     if v.kind == "Real" and unit and not entry.text.startswith("as ") and v.unit != "degC":
@@ -234,7 +233,7 @@ def _parameter(entry: Entry) -> dict[str, Any]:
 
 
 def _first(parameters: ParameterSet) -> dict[str, list[str]]:
-    """Return the names of values with sliders by legend: supply and other inputs, temperatures, gains or parameters."""
+    """Return the names of values with sliders by legend: supply and inputs, temperatures, gains or else parameters."""
     actuator = parameters.actuator
     tunable = [v for v in actuator.parameters if v.variability == "tunable"]
     gains = [v.name for v in tunable if v.name.startswith("controller.")]
@@ -248,7 +247,7 @@ def _first(parameters: ParameterSet) -> dict[str, list[str]]:
 
 
 def _panels(model: str, specification: Specification) -> list[dict[str, Any]]:
-    """Return the panels over time: those of a response, then one for each output of the extensions."""
+    """Return the panels over time: those of a response plot, then one for each output of the extensions."""
     further = [[v] for v in extension_outputs(model)]
     return [{"title": ", ".join(v.name for v in panel).replace("_", " ").capitalize(), "names": [v.name for v in panel],
              "shown": _shown(panel[0].unit, metrics.shown_output(panel[0])), "discrete": panel[0].kind != "Real",
@@ -257,19 +256,19 @@ def _panels(model: str, specification: Specification) -> list[dict[str, Any]]:
 
 
 def _lines(v: Variable, specification: Specification) -> list[tuple[float, str]]:
-    """Return the required rates, lines in the panel of the fin rate, as values [deg/s] and texts; empty for others."""
+    """Return values [deg/s] and texts of the required rates for the panel of the fin rate; empty for other panels."""
     return list(dict.fromkeys((r.shown_limit, f"required {r.shown_limit:.6g} °/s{', loaded' * bool(r.test.torque)}")
                               for r in specification.requirements if r.test and r.test.supply == 1.0
                               if r.figure in ("sustained_rate", "peak_rate") and v == port.FIN_RATE))
 
 
 def _judging(specification: Specification, subject: Subject) -> dict[str, Any]:
-    """Return the requirements, their tests, which they name by index, and the parameters of their cases."""
+    """Return the requirements, each with the index of its test, the tests, and the parameters of each case."""
     tests: dict[measure.Test, list[Requirement]] = {}
     listed = []
     for r in specification.requirements:
         unit, size = r.shown
-        # The page has its own linear model, so the extra `analysis` makes no difference.
+        # The page has a linear model of its own, which does not need the extra `analysis`.
         left_out = (("" if _linear(subject.actuator) else _NO_LOOP) if r.test and r.test.kind == "linear" else
                     r.obstacle(subject))
         index = None
@@ -280,13 +279,13 @@ def _judging(specification: Specification, subject: Subject) -> dict[str, Any]:
             "name": r.name, "title": r.title or r.name, "figure": r.figure, "sense": SENSES[r.sense],
             "limit": r.shown_limit, "unit": typeset(unit), "factor": size, "how": r.how,
             "reason": r.reason or r.source, "cases": r.cases, "test": index, "left_out": left_out})
-    return {"requirements": listed, "tests": [_test(test, by, subject) for test, by in tests.items()],
+    return {"requirements": listed, "tests": [_test(test, judged, subject) for test, judged in tests.items()],
             "at_start": subject.at_start,
             "cases": {case.name: {**subject.at_start, **case.values} for case in specification.cases}}
 
 
-def _test(test: measure.Test, by: Sequence[Requirement], subject: Subject) -> dict[str, Any]:
-    """Return a test with inputs and recorded outputs; inputs other than command and load are shares of those set."""
+def _test(test: measure.Test, judged: Sequence[Requirement], subject: Subject) -> dict[str, Any]:
+    """Return the test that judges requirements; inputs other than command and load are shares of their values."""
     runs: Sequence[Excitation] = ()
     if test.kind == "repeat":
         runs = measure.histories(test, subject, {**dict.fromkeys(subject.inputs, 1.0), COMMAND: 0.0, LOAD: 0.0})
@@ -294,9 +293,9 @@ def _test(test: measure.Test, by: Sequence[Requirement], subject: Subject) -> di
         runs = [measure.excitation(replace(test, supply=1.0), sign, subject) for sign in (1.0, -1.0)]
         if test.supply != 1.0:
             runs = [run.holding({subject.supply or "": test.supply}) for run in runs]
-    figures = list(dict.fromkeys(r.figure for r in by))
+    figures = list(dict.fromkeys(r.figure for r in judged))
     return {"kind": test.kind, "amplitude": test.amplitude, "figures": figures, "outputs": measure.recorded(figures),
-            "cases": list(dict.fromkeys(name for r in by for name in r.cases)),
+            "cases": list(dict.fromkeys(name for r in judged for name in r.cases)),
             "runs": [{"stop": run.stop, "begin": run.begin, "columns": {  # values with their counts
                 name: [(float(value), len(list(rows))) for value, rows in groupby(column)]
                 for name, column in run.columns.items()}} for run in runs]}
@@ -308,33 +307,34 @@ def _embedded(value: Any) -> str:
 
 
 def _dense(name: str) -> str:
-    """Return a script without indentation and comments on separate lines; its literals must not span lines."""
+    """Return a script without indentation and without comments on lines of their own; no literal may span lines."""
     code = re.sub(r"^ */\*.*?\*/\n", "", handwritten(name, _HERE), flags=re.DOTALL | re.MULTILINE)
     return re.sub(r"\n +", "\n", code)
 
 
 def render(subject: ParameterSubject, inputs: Mapping[str, float], command: str, date: str = "",
            requirements: Path | None = None) -> str:
-    """Return the page that starts from parameters and constant `inputs`; the same arguments give the same text.
+    """Return the page with initial parameters and constant `inputs` [SI]; the same arguments give the same text.
 
-    `command` is the command that writes it, `requirements` a file that replaces the shipped ones. Raises EmcasError.
+    `command` is the command line that the page names, `requirements` a file that replaces the shipped ones. Raises
+    EmcasError without zig or for an invalid file.
     """
     specification = load_requirements(requirements, subject.parameters)
-    described, files = document(subject, inputs, specification), sources(subject.model)
+    content, files = document(subject, inputs, specification), sources(subject.model)
     code = compiled(files)
-    digest = hashlib.sha256(_embedded(described).encode() + code).hexdigest()
+    digest = hashlib.sha256(_embedded(content).encode() + code).hexdigest()
     source_digest = hashlib.sha256("".join(files.values()).encode()).hexdigest()
-    controls = {each["name"]: each for listed in ("fields", "inputs", "parameters") for each in described[listed]}
+    controls = {each["name"]: each for listed in ("fields", "inputs", "parameters") for each in content[listed]}
     texts = {name: {word: each.pop(word, "") for word in ("title", "description", "source")}
              for name, each in controls.items()}
     groups: dict[str, list[str]] = {}
-    for each in described["parameters"]:
+    for each in content["parameters"]:
         groups.setdefault(each["name"].partition(".")[0], []).append(each["name"])
-    groups["constant inputs"] = [each["name"] for each in described["inputs"] if each["name"] not in (COMMAND, LOAD)]
+    groups["constant inputs"] = [each["name"] for each in content["inputs"] if each["name"] not in (COMMAND, LOAD)]
     return page(
         "studies/explore/page.html.j2", subject=subject, command=command, date=date, requirements=specification.file,
-        digest=digest, source_digest=source_digest, given=described, controls=controls, described=texts,
+        digest=digest, source_digest=source_digest, content=content, controls=controls, texts=texts,
         first=_first(subject.parameters), groups=groups,
-        data=_embedded({**described, "digest": digest[:12]}), code=packed(code),
+        data=_embedded({**content, "digest": digest[:12]}), code=packed(code),
         style=handwritten("page.css", _HERE), program="\n".join(map(_dense, _PROGRAM)),
         script="\n".join(map(_dense, _SCRIPTS)))

@@ -1,17 +1,17 @@
 "use strict";
-/* Plots over time and over frequency, by uPlot in the page's colours. */
+/* Plots by uPlot in the page's colours, and shapes that are painted on them. */
 
 const gray = () => css("--gray");
 const COLORS = Array.from({length: 6}, (_, k) => () => css(`--curve-${k}`));
 
-const TURNS = {incrs: [15, 45, 90]}; // ticks [°] of a phase
+const PHASE_TICKS = {incrs: [15, 45, 90]}; // distances of the ticks [°]
 
 function axis(label, size) {
     const values = (_, at) => at.map(x => x === null ? "" : general(x, 6).replace("-", "−"));
     return {...AXIS, label, size, labelSize: 18, values};
 }
 
-/** Paints a line across the plot at a value of a scale, with a text at its end, above or below the line. */
+/** Paints a line across the plot at a value of the scale x or y, with a text at its end; `below` applies to y. */
 function rule(u, scale, value, text, below = false) {
     paint(u, (ctx, x, y, frame) => {
         const {left, top, width, height} = frame, level = scale === "y", at = level ? y(value) : x(value);
@@ -24,7 +24,7 @@ function rule(u, scale, value, text, below = false) {
     });
 }
 
-/** Fills the path that `paints` makes with a colour of the page, within the plot's frame. */
+/** Fills the path that `paints` adds, within the plot's frame, with the colour `name` of the page. */
 function filled(u, name, paints) {
     paint(u, (ctx, ...of) => {
         paints(ctx, ...of);
@@ -33,7 +33,7 @@ function filled(u, name, paints) {
     }, true);
 }
 
-/** Shades the times at which a flag is set. */
+/** Shades the intervals of time in which a flag is set. */
 function shade(u, time, flag) {
     filled(u, "--shade", (ctx, x, y, {top, height}) => {
         for (let k = 0; k < flag.length; ++k) {
@@ -45,7 +45,7 @@ function shade(u, time, flag) {
     });
 }
 
-/** Shades the band of `width` on each side of a command. */
+/** Shades a band around a command that reaches `width` to each side. */
 function band(u, time, command, width) {
     filled(u, "--band", (ctx, x, y) => {
         time.forEach((t, k) => ctx.lineTo(x(t), y(command[k] + width)));
@@ -53,7 +53,7 @@ function band(u, time, command, width) {
     });
 }
 
-/** Shades gains that miss the required bandwidth: below `floor` up to the frequency `end`. */
+/** Shades the gains below `floor` up to the frequency `end`, which miss the required bandwidth. */
 function forbidden(u, end, floor) {
     filled(u, "--forbidden", (ctx, x, y, {left, top, height}) =>
         ctx.rect(left, y(floor), x(end) - left, top + height - y(floor)));
@@ -71,7 +71,7 @@ function mark(u, at, level, stroke) {
     });
 }
 
-/** Paints a curve through points in their order, such as a trajectory, with a dot at its end. */
+/** Paints a curve through points in their order, with a dot at the last one. */
 function trajectory(u, {x: xs, y: ys, stroke, dash}) {
     paint(u, (ctx, x, y) => {
         pen(ctx, stroke(), 1.6, dash);
@@ -83,7 +83,7 @@ function trajectory(u, {x: xs, y: ys, stroke, dash}) {
     }, true);
 }
 
-/** Paints a line of constant damping, with its value. */
+/** Paints the line of a damping ratio, and its value, in a plane of poles of the given `size`. */
 function ray(u, damping, size) {
     paint(u, (ctx, x, y) => {
         const [a, b] = [-damping * 0.95 * size, Math.sqrt(1 - damping * damping) * 0.95 * size];
@@ -96,7 +96,6 @@ function ray(u, damping, size) {
     }, true);
 }
 
-/** Paints a cross at a point. */
 function cross(u, [real, imaginary], stroke) {
     paint(u, (ctx, x, y) => {
         const [a, b, size] = [x(real), y(imaginary), 4 * devicePixelRatio];
@@ -109,7 +108,7 @@ function cross(u, [real, imaginary], stroke) {
     }, true);
 }
 
-/* The plots by their boxes, and the observer that shows those in or near the window. */
+/* The plots by their boxes, and the observer that renders plots in or near the window. */
 const PLOTS = new Map(), IN_VIEW = new IntersectionObserver(entries => {
     for (const {target, isIntersecting} of entries) PLOTS.get(target).shown(isIntersecting);
 }, {rootMargin: "50%"});
@@ -121,21 +120,24 @@ class Plot {
         this.figure = element("figure", {}, element("figcaption", {}, title), this.box);
         this.title = title;
         this.look = {log: false, height: 190, shared: true, legend: true, ...look};
-        this.ticks = [];  // [position, name] along an axis of names; otherwise empty
-        this.reach = [Infinity, -Infinity];  // along y, of shapes that are painted in addition to the curves
+        this.ticks = [];  // [position, name] of the ticks along y, if they have names
+        this.reach = [Infinity, -Infinity];  // smallest and largest y of painted shapes
         this.under = this.over = this.sketch = this.pointed = () => undefined;
         this.box.style.minHeight = `${this.look.height + (this.look.legend ? 26 : 0)}px`;  // before it is drawn
-        new ResizeObserver(() => this.resize()).observe(this.box);
+        new ResizeObserver(() => {
+            const width = this.box.clientWidth;
+            if (this.uplot && width) this.uplot.setSize({width, height: this.look.height});
+        }).observe(this.box);
         IN_VIEW.observe(this.box);
         PLOTS.set(this.box, this);
     }
 
-    /** The chart with the last curves. */
+    /** The chart of uPlot, with the latest curves. */
     get chart() {
         const curves = this.waiting;
         this.waiting = null;
         if (curves) this.render(curves);
-        return this.drawn;
+        return this.uplot;
     }
 
     shown(inView) {
@@ -143,13 +145,8 @@ class Plot {
         if (inView && this.waiting) this.draw(this.waiting);
     }
 
-    resize() {
-        const width = this.box.clientWidth;
-        if (this.drawn && width) this.drawn.setSize({width, height: this.look.height});
-    }
-
-    /** Plots curves {label, x, y, stroke, dash, width, step}, which may have different x. A plot out of view
-        waits until it is needed, since a dozen plots keep the page busy. */
+    /** Plots curves {label, x, y, stroke, dash, width, step}, whose x may differ. A plot out of view is rendered later,
+        since a dozen plots would slow the page. */
     draw(curves) {
         this.waiting = curves;
         if (this.inView) this.chart;
@@ -160,12 +157,12 @@ class Plot {
         const ordered = xs.flatMap(by), names = ordered.map(({label}) => label).join("\n");
         const data = uPlot.join(xs.map(x => [x, ...by(x).map(({y}) => y)]));
         if (names === this.names) {
-            this.drawn.setData(data);
+            this.uplot.setData(data);
             return;
         }
-        this.drawn?.destroy();
+        this.uplot?.destroy();
         this.names = names;
-        this.drawn = new uPlot(this.options(ordered), data, this.box);
+        this.uplot = new uPlot(this.options(ordered), data, this.box);
     }
 
     options(curves) {
@@ -183,10 +180,10 @@ class Plot {
             cursor: {sync: shared ? {key: "time"} : undefined, points: {size: 5}, drag: {x: true, y: false}},
             scales: {x: {time: false, distr: log ? 3 : 1, range: (_, least, most) => [least, most]},
                 y: {range}},
-            axes: [{...axis(x, 26), ...(turns === "x" ? TURNS : {})}, this.ticks.length ?
+            axes: [{...axis(x, 26), ...(turns === "x" ? PHASE_TICKS : {})}, this.ticks.length ?
                 {...axis("", 110), labelSize: 0, splits: () => this.ticks.map(([at]) => at),
                     values: () => this.ticks.map(([, name]) => name)} :
-                {...axis(y, 58), ...(turns === "y" ? TURNS : {})}],
+                {...axis(y, 58), ...(turns === "y" ? PHASE_TICKS : {})}],
             series: [{label: x.replace(/ .*/, ""), value: number},
                 ...curves.map(({label, stroke, dash, step, width = 1.6, value = number}) => ({
                     label, stroke, dash, width, value, spanGaps: true, points: {show: false},
@@ -220,12 +217,12 @@ class Plot {
     }
 }
 
-/** Returns two plots over frequency: gain [dB] and phase [°]. */
+/** Two plots over frequency: gain [dB] and phase [°]. */
 const bodePlots = (titles, ofPhase = {}) => titles.map((title, k) => new Plot(title, {
     x: "frequency [Hz]", y: k ? "[°]" : "[dB]", log: true, shared: false, ...(k ? ofPhase : {})}));
 
-/** Plots responses {label, stroke, dash, frequency, gain, phase, marks: [{frequency, gain, phase}]} in both plots, with
-    each plot's level and its text, and a `required` bandwidth [Hz]. */
+/** Plots responses {label, stroke, dash, frequency, gain, phase, marks: [{frequency, gain, phase}]}, a line at the
+    level [value, text] of each plot, and a `required` bandwidth [Hz]. `text` describes both plots in words. */
 function drawBode(plots, levels, responses, text, required) {
     for (const [k, part] of ["gain", "phase"].entries()) {
         const plot = plots[k], [level, name] = levels[k], wide = required && part === "gain";
@@ -243,7 +240,7 @@ function drawBode(plots, levels, responses, text, required) {
     }
 }
 
-/** A number as text, with four digits. */
+/** A number as text with four digits, or a dash for none. */
 function shownNumber(x) {
     if (x === null || Number.isNaN(x)) return "–";
     if (!Number.isFinite(x)) return "not reached";

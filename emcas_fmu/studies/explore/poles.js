@@ -1,9 +1,10 @@
 "use strict";
-/* The poles of the closed loop, s over 2 pi [Hz]. The user drags an unstable pair or the slowest; two gains follow. */
+/* The poles of the closed loop, s/(2 pi) [Hz]. The user moves an unstable pair or the slowest, and two gains are set to
+ * place it. */
 
 const PLACING = [["controller.position.kp", "controller.velocity.kp"], ["controller.kp", "controller.kd"]].find(names =>
     names.every(name => CONTROLS.has(name)));
-const LEAST = 0.02; // smallest imaginary part of a dragged pole, as a share of the plot's height: a pair remains a pair
+const LEAST = 0.02; // smallest imaginary part of a moved pole, as a share of the plot's height: it stays complex
 const KEYS = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]};
 
 /** The poles of a closed loop [Hz] in the upper half plane. */
@@ -13,22 +14,22 @@ function upperPoles({poles, period}) {
         [Math.log(Math.hypot(x, y)) / size, Math.atan2(y, x) / size]);
 }
 
-/** The complex pole nearest to a point; undefined if all poles are real. */
+/** The complex pole [Hz] that is nearest to a point [Hz]; undefined if all poles are real. */
 function nearest(poles, [x, y]) {
     const pairs = poles.filter(([, imaginary]) => imaginary > 1e-6);
     const distances = pairs.map(([a, b]) => Math.hypot(a - x, b - y));
     return pairs[distances.indexOf(smallest(distances))];
 }
 
-/** The gains, within their ranges, that bring a pole as near to a target as possible, and the pole that is reached: by
-    Gauss-Newton, with steps shortened until they reduce the distance. `polesAt(gains, keep)` returns the poles; with
-    `keep`, none if the gains must not be set. */
-function placed(polesAt, gains, ranges, pole, target) {
+/** The `gains`, within their ranges, that bring a pole as near to a target as possible, and the `pole` they reach. The
+    method is Gauss-Newton, with steps shortened until the distance falls. `polesAt(gains, keep)` returns the poles;
+    with `keep`, none if the gains must not be set. */
+function placePole(polesAt, gains, ranges, pole, target) {
     const errorOf = at => [0, 1].map(i => target[i] - at[i]);
     for (let k = 0, share = 1; k < 20 && share > 0.02; ++k) {
         const error = errorOf(pole), far = Math.hypot(...error) / Math.hypot(...pole);
         if (far < 1e-7) break;
-        const [u, v] = error.map(x => x * share * Math.min(1, 0.3 / far));  // short enough to follow the pole
+        const [u, v] = error.map(x => x * share * Math.min(1, 0.3 / far));  // a longer step could lose the pole
         const [[a, b], [c, d]] = gains.map((gain, i) => {
             const h = 1e-4 * (gain || ranges[i][1]), moved = nearest(polesAt(gains.with(i, gain + h)), pole);
             return moved?.map((x, j) => (x - pole[j]) / h) ?? [NaN, NaN];
@@ -36,7 +37,7 @@ function placed(polesAt, gains, ranges, pole, target) {
         const clipped = (x, i) => Math.min(Math.max(x, ranges[i][0]), ranges[i][1]), size = a * d - b * c;
         let next = [gains[0] + (d * u - c * v) / size, gains[1] + (a * v - b * u) / size];
         const at = next.findIndex((x, i) => clipped(x, i) !== x);
-        if (at >= 0) {  // one gain is at an end of its range: the other brings the pole as near as possible
+        if (at >= 0) {  // one gain stays at an end of its range; the other brings the pole as near as possible
             const [[p, q], [r, s]] = at ? [[c, d], [a, b]] : [[a, b], [c, d]];
             const step = clipped(next[at], at) - gains[at];
             const other = (r * (u - p * step) + s * (v - q * step)) / (r * r + s * s);
@@ -56,7 +57,7 @@ function placed(polesAt, gains, ranges, pole, target) {
 }
 
 class Poles {
-    /** Calls `change(target, pole)` when the user moves a pole [Hz]; it returns the pole that is reached. */
+    /** Calls `change(target, pole)` when the user moves a pole [Hz]; `change` returns the pole that is reached. */
     constructor(change) {
         this.plot = new Plot("Poles of the closed loop", {x: "real part [Hz]", y: "imaginary part [Hz]", shared: false,
             legend: false, height: 235});
@@ -68,10 +69,10 @@ class Poles {
         listen("mousedown", at => at.stopPropagation());
         listen("pointerdown", at => {
             this.handle.setPointerCapture(at.pointerId);
-            this.held = true;
+            this.dragged = true;
         });
-        listen("pointermove", at => this.held && this.move(this.plot.at(at)));
-        for (const name of ["pointerup", "pointercancel"]) listen(name, () => { this.held = false; });
+        listen("pointermove", at => this.dragged && this.move(this.plot.at(at)));
+        for (const name of ["pointerup", "pointercancel"]) listen(name, () => { this.dragged = false; });
         listen("keydown", key => {
             const step = KEYS[key.key];
             if (!step || !this.pole) return;
@@ -84,7 +85,6 @@ class Poles {
         if (this.pole) this.pole = this.change([x, Math.max(y, LEAST * this.size)], this.pole);
     }
 
-    /** Moves the handle to its pole. */
     place(u) {
         this.handle.hidden = !this.pole || !PLACING;
         if (this.handle.hidden) return;
@@ -95,12 +95,12 @@ class Poles {
 
     draw(loops) {
         const {poles} = loops.at(-1), slowest = nearest(poles, [0, 0]);
-        const begun = nearest(poles.filter(([real]) => real >= 0), [0, 0]) ?? slowest;
-        /* The pair that the user moves stays chosen. */
-        const followed = (this.held || document.activeElement === this.handle) && this.pole;
-        this.pole = followed ? nearest(poles, this.pole) : begun;
+        const first = nearest(poles.filter(([real]) => real >= 0), [0, 0]) ?? slowest;
+        /* While the user moves a pair, this pair stays chosen. */
+        const isMoved = (this.dragged || document.activeElement === this.handle) && this.pole;
+        this.pole = isMoved ? nearest(poles, this.pole) : first;
         const reach = this.pole ? Math.hypot(...this.pole) : 25;
-        if (!this.held) this.size = 2 ** Math.ceil(Math.log2(1.5 * reach));
+        if (!this.dragged) this.size = 2 ** Math.ceil(Math.log2(1.5 * reach));
         this.plot.under = u => filled(u, "--forbidden", (ctx, x, y, {left, top, width, height}) =>
             ctx.rect(x(0), top, left + width - x(0), height));
         this.plot.over = u => {
@@ -109,7 +109,7 @@ class Poles {
         };
         const {size} = this;
         this.plot.draw([{label: "", x: [-size, size / 4], y: [-size / 20, size], stroke: gray, width: 0}]);
-        const which = this.pole?.[0] >= 0 ? "unstable" : this.pole === slowest ? "slowest" : "followed";
+        const which = this.pole?.[0] >= 0 ? "unstable" : this.pole === slowest ? "slowest" : "chosen";
         const text = this.pole ? `the ${which} pair at ${withUnit(reach, "Hz")} with damping ` +
             shownNumber(-this.pole[0] / reach) : "no pair of complex poles";
         this.plot.describe(text);

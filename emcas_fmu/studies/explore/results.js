@@ -1,17 +1,16 @@
 "use strict";
-/* The responses of one case, or of A and B, as curves and tables. */
+/* The responses of case B, or of the cases A and B, as curves and tables. */
 
 const words = name => name.replace(/_/g, " ").replace(/\b3db\b/, "at −3 dB").replace(/\b90deg\b/, "at −90°");
 
-/** The label of a curve of a case, and its look: case A is dashed, in the second colour. */
-const labelled = (cases, letter, label) => cases.length > 1 ? `${label} ${letter}` : label;
+/** The label of a curve, with the case's letter if there are two cases. */
+const caseLabel = (cases, letter, label) => cases.length > 1 ? `${label} ${letter}` : label;
 const lookOf = letter => letter === "A" ? {stroke: COLORS[1], dash: [7, 4]} : {stroke: COLORS[0]};
 
-/** The texts of all cases, with their letters if there are two. */
-const inTurn = (cases, text) =>
+/** The texts of all cases, with their letters if there are two cases. */
+const caseTexts = (cases, text) =>
     cases.map(([letter, each]) => (cases.length > 1 ? `${letter}: ` : "") + text(each)).join(". ");
 
-/** A value with its unit, for display. */
 function withUnit(value, unit) {
     const text = shownNumber(value);
     return /\d$/.test(text) && unit ? `${text}${/^°(?!C)/.test(unit) ? "" : " "}${unit}` : text;
@@ -22,14 +21,14 @@ function inUnit(name, value) {
     return withUnit(value / factor, unit);
 }
 
-/** The function that converts a panel's values to words, an item or the flags that are set; undefined for numbers. */
-function named({items, bits}) {
+/** The function that converts a value of a panel to words, an item or the set flags; undefined if it is a number. */
+function toWords({items, bits}) {
     if (items.length) return value => items[value - 1] ?? "–";
     const flags = value => bits.filter((_, bit) => value >> bit & 1).map(words).join(", ") || "none";
     return bits.length ? flags : undefined;
 }
 
-/** The traces of a response in a panel, in display units: one per output, or one for each of `flags`, stacked. */
+/** The traces of a response in a panel, in display units: one per output, or one per set flag (bit number), stacked. */
 function traces({names, bits, shown: [, factor]}, outputs, flags) {
     if (!bits.length) return names.map(name => ({label: words(name), y: outputs[name].map(x => x / factor)}));
     const word = outputs[names[0]], value = (_, v) => v === null ? "" : v % 1 ? "set" : "clear";
@@ -38,17 +37,17 @@ function traces({names, bits, shown: [, factor]}, outputs, flags) {
         {label: words(bits[bit]), y: word.map(x => row + 0.6 * (x >> bit & 1)), value}));
 }
 
-/** Plots a panel over time: all outputs, those of A dashed; in the first panel also the command. */
+/** Plots a panel over time: its outputs, dashed for case A, and in the first panel also the command. */
 function drawPanel(plot, panel, number, cases) {
     const [, factor] = panel.shown, live = cases.at(-1)[1].run, {time, columns} = live.excitation;
     const flags = panel.bits.map((_, bit) => bit).filter(bit => cases.some(([, {run}]) =>
         run.outputs[panel.names[0]].some(word => word >> bit & 1)));
-    const value = panel.items.length ? (_, v) => v === null ? "" : named(panel)(v) : undefined;
+    const value = panel.items.length ? (_, v) => v === null ? "" : toWords(panel)(v) : undefined;
     plot.ticks = panel.items.length ? panel.items.map((item, k) => [k + 1, item]) :
         panel.bits.length && !flags.length ? [[0, "none"]] :
         flags.map((bit, row) => [row, words(panel.bits[bit])]);
     const curves = cases.flatMap(([letter, {run}]) => traces(panel, run.outputs, flags).map((trace, k) => ({
-        value, ...trace, label: labelled(cases, letter, trace.label), x: run.excitation.time,
+        value, ...trace, label: caseLabel(cases, letter, trace.label), x: run.excitation.time,
         step: panel.discrete, stroke: COLORS[(k + Number(letter === "A" && panel.names.length === 1)) % COLORS.length],
         ...(letter === "A" ? {dash: [7, 4], width: 1.3} : {})})));
     const command = number === 0 && columns.fin_command?.map(x => x / factor);
@@ -72,7 +71,7 @@ function drawPlane(plot, actuator, cases) {
     const runs = cases.map(([letter, {run: {outputs}}]) =>
         ({letter, speed: outputs.motor_speed, torque: outputs.motor_torque}));
     const fastest = largest(runs.map(({speed}) => magnitude(speed))), volts = Number(setting.get(supply));
-    let end = Math.max(1.2 * fastest, 1);  // extended to a speed at which the supply leaves no torque
+    let end = Math.max(1.2 * fastest, 1);  // rad/s, raised to a speed at which the supply allows no torque
     while (actuator.limitTorques(setting.parameters, volts, [end])[0] > 0 && end < 1e6) end *= 1.2;
     const speeds = Float64Array.from({length: 201}, (_, k) => end * (k - 100) / 100);
     const most = actuator.limitTorques(setting.parameters, volts, speeds).map(x => x / unit);
@@ -88,7 +87,7 @@ function drawPlane(plot, actuator, cases) {
         `largest steady torque at rest ${shownNumber(most[100])}`);
 }
 
-/** Fills a table with column headings and rows of cells, of which the first is a row heading. */
+/** Fills a table: headings, with a column for each case after the first, and rows, whose first cell is a heading. */
 function fill(table, [first, ...columns], cases, rows) {
     const values = cases.length > 1 ? cases.map(([letter]) => letter === "A" ? "A, kept" : "B, live") : ["value"];
     const heads = [first, ...values, ...columns].map((name, k, all) =>
@@ -106,38 +105,37 @@ function drawFigures(table, cases) {
         element("td", {class: "how"}, title)]));
 }
 
-/* The requirements that are judged. */
-const ABLE = DATA.requirements.filter(({left_out: leftOut}) => !leftOut);
+const JUDGED = DATA.requirements.filter(({left_out: leftOut}) => !leftOut);
 
 const required = ({sense, limit, unit}) => `${sense === ">=" ? "≥" : "≤"} ${withUnit(limit, unit)}`;
 
-/** Mark, value and worst case of a verdict, in words. */
-function inWords({unit, cases}, {value, case: worst, beyond, passed}) {
+/** Mark, value and worst case of a verdict as text. */
+function verdictText({unit, cases}, {value, case: worst, beyond, passed}) {
     const text = Number.isNaN(value) ? "no value" : `${beyond ? "> " : ""}${withUnit(value, unit)}`;
     return `${passed ? "✓" : "✗"} ${text}${cases.length > 1 ? `, ${worst}` : ""}`;
 }
 
-function marginInWords({unit}, {margin, percent}) {
+function marginText({unit}, {margin, percent}) {
     if (!Number.isFinite(margin)) return "–";
     const share = Math.abs(percent) < 10 ? general(percent, 2) : percent.toFixed(0);
     const text = Number.isNaN(percent) ? withUnit(margin, unit) : `${share.replace("-", "−")} %`;
     return margin >= 0 ? `+${text}` : text;
 }
 
-/** Fills the strip beside the sliders with the verdicts of the live case, and a line with the missed ones of each. */
+/** Fills the list with the verdicts of case B, and the line with the missed requirements of each case. */
 function drawStrip(list, line, cases) {
     const [, {verdicts}] = cases.at(-1);
-    list.replaceChildren(...ABLE.map(requirement => {
+    list.replaceChildren(...JUDGED.map(requirement => {
         const {title, name} = requirement, verdict = verdicts?.get(name);
         return element("li", {title: `${title}: required ${required(requirement)}`,
             class: verdict ? verdict.passed ? "pass" : "fail" : "quiet"}, element("span", {class: "what"}, title),
-            element("span", {}, verdict ? inWords(requirement, verdict) : "–"),
-            element("span", {class: "margin"}, verdict ? marginInWords(requirement, verdict) : ""));
+            element("span", {}, verdict ? verdictText(requirement, verdict) : "–"),
+            element("span", {class: "margin"}, verdict ? marginText(requirement, verdict) : ""));
     }));
-    line.textContent = verdicts ? inTurn(cases, each => {
-        const missed = ABLE.filter(({name}) => !each.verdicts.get(name).passed);
-        return missed.length ? `${missed.length} of ${ABLE.length} requirements missed: ` +
-            missed.map(({title}) => title).join("; ") : `all ${ABLE.length} judged requirements met`;
+    line.textContent = verdicts ? caseTexts(cases, each => {
+        const missed = JUDGED.filter(({name}) => !each.verdicts.get(name).passed);
+        return missed.length ? `${missed.length} of ${JUDGED.length} requirements missed: ` +
+            missed.map(({title}) => title).join("; ") : `all ${JUDGED.length} judged requirements met`;
     }) : "";
 }
 
@@ -146,9 +144,9 @@ function drawRequirements(table, cases) {
         const {name, title, how, reason, left_out: leftOut} = requirement;
         const cells = cases.map(([, {verdicts}]) => {
             if (leftOut) return element("td", {class: "n skip"}, "not judged");
-            const verdict = verdicts.get(name), margin = marginInWords(requirement, verdict);
+            const verdict = verdicts.get(name), margin = marginText(requirement, verdict);
             return element("td", {class: `n ${verdict.passed ? "pass" : "fail"}`},
-                `${inWords(requirement, verdict)} (${margin})`);
+                `${verdictText(requirement, verdict)} (${margin})`);
         });
         const why = element("span", {class: "quiet"}, reason && ` · ${reason}`);
         return [title, ...cells, required(requirement), element("td", {class: "how"}, leftOut || how, why)];
@@ -159,9 +157,10 @@ const DASHES = [undefined, [7, 4], [2, 3]];
 
 function drawResponses(bode, cases) {
     const responses = cases.flatMap(([letter, each]) => each.responses.map(([label, response], k) => ({
-        label: labelled(cases, letter, label), ...response, dash: DASHES[k % DASHES.length], stroke: lookOf(letter).stroke,
+        label: caseLabel(cases, letter, label), ...response, dash: DASHES[k % DASHES.length],
+        stroke: lookOf(letter).stroke,
         marks: [{frequency: response.bandwidth_3db, gain: -3}, {frequency: response.bandwidth_90deg, phase: -90}]})));
-    const bandwidth = ABLE.find(({figure}) => figure === "bandwidth_3db");
+    const bandwidth = JUDGED.find(({figure}) => figure === "bandwidth_3db");
     drawBode(bode, [[-3, "−3 dB"], [-90, "−90°"]], responses.filter(({frequency}) => frequency.length),
         bodeSummary(cases), bandwidth?.limit);
 }
@@ -171,5 +170,5 @@ function bodeSummary(cases) {
         x < DATA.constants.BANDWIDTHS[1] ? `at ${shownNumber(x)} Hz` : `above ${shownNumber(x)} Hz`;
     const one = ([label, {bandwidth_3db: gain, bandwidth_90deg: lag}]) =>
         `${label}: −3 dB ${at(gain)}, −90° ${at(lag)}`;
-    return inTurn(cases, ({responses}) => responses.map(one).join("; "));
+    return caseTexts(cases, ({responses}) => responses.map(one).join("; "));
 }

@@ -1,12 +1,13 @@
 "use strict";
-/* A command that the user draws in the plot of the fin angle, or writes as points; it is kept as a CSV file. */
+/* A command that the user draws in the plot of the fin angle or writes as points. It is stored as a CSV file. */
 
 const DRAWN = "drawn command";
 const NUMBER = "([-+]?(?:\\d+\\.?\\d*|\\.\\d+)(?:e[-+]?\\d+)?)";
-const POINT = new RegExp(`^${NUMBER}(?:\\s*[,;]\\s*|\\s+)${NUMBER}$`, "i"); // a line: time and angle
-const STRAIGHT = 1e-14; // rad, second difference due to rounding: such a row is on the line between its neighbours
+const POINT = new RegExp(`^${NUMBER}(?:\\s*[,;]\\s*|\\s+)${NUMBER}$`, "i"); // time and angle in a line
+const STRAIGHT = 1e-14; // rad, largest second difference at a row on the line between its neighbours
 
-/** The points of a setting's CSV file, time [s] and command [rad]; from a file with other columns, only its corners. */
+/** The points of a setting's CSV file, time [s] and command [rad]; if the file has other inputs, only the command's
+    corners. */
 function pointsOf({kind, file}) {
     if (kind !== "csv" || !file?.columns.fin_command) return [];
     if (Object.keys(file.columns).length === 1) return file.points;
@@ -15,33 +16,33 @@ function pointsOf({kind, file}) {
         Math.abs(command[k - 1] - 2 * command[k] + command[k + 1]) > STRAIGHT);
 }
 
-/** The text of a CSV file of points, with the other columns of a setting's file. Throws an Error. */
+/** The text of a CSV file with the points, and with the other inputs of the setting's file. Throws an Error. */
 function drawnFile(points, {kind, file}) {
     const text = ["time,fin_command", ...points.map(point => point.join(",")), ""].join("\n");
     const {fin_command: _, ...others} = kind === "csv" && file ? file.columns : {};
     if (!Object.keys(others).length) return text;
     const {time, columns} = fromCsv(text, DRAWN), kept = Object.entries(others).map(([name, column]) =>
-        [name, sampled(time, file.time, column)]);
+        [name, resampled(time, file.time, column)]);
     return csv({time, ...columns, ...Object.fromEntries(kept)});
 }
 
-/** The points, with a stroke in place of those it covers. Without points, the command is 0 before the stroke, and
-    constant after it. */
+/** The points, of which a stroke replaces those in its interval of time. Without points, the command is 0 before the
+    stroke, and constant after it until `end` [s]. */
 function drawnOver(points, stroke, end) {
     const [[first], [last, level]] = [stroke[0], stroke.at(-1)];
     const [times, angles] = [0, 1].map(k => points.map(point => point[k]));
-    const joint = time => [time, points.length ? sampled([time], times, angles)[0] : 0];
+    const joint = time => [time, points.length ? resampled([time], times, angles)[0] : 0];
     const before = [...points.length ? [] : [[0, 0]], ...points.filter(([time]) => time < first), joint(first)];
     const after = points.filter(([time]) => time > last);
     return [...before, ...stroke, ...after.length ? [joint(last), ...after] : last < end ? [[end, level]] : []];
 }
 
 class Drawing {
-    /** Calls `done(points)` after a stroke over a plot or a change of the text; `points()` returns the whole command. */
+    /** Calls `done` after a stroke over a plot or a change of the text, with a function that returns all points. */
     constructor(plot, done) {
         Object.assign(this, {plot, done, stroke: null, button: $("draw"), field: $("points")});
         this.button.addEventListener("click", () => this.turn(!this.on));
-        this.field.addEventListener("change", () => done(() => this.written));
+        this.field.addEventListener("change", () => done(() => this.points));
         for (const [event, action] of Object.entries({
             pointerdown: at => this.begin(at), pointermove: at => this.move(at), pointerup: () => this.end(),
             pointercancel: () => this.end(), mousedown: () => undefined})) {
@@ -59,7 +60,7 @@ class Drawing {
         return this.button.getAttribute("aria-pressed") === "true";
     }
 
-    /** Switches drawing on or off. While it is on, the plot reaches to the largest command. */
+    /** Switches drawing on or off. While drawing is on, the plot includes the largest commands. */
     turn(on) {
         this.button.setAttribute("aria-pressed", String(on));
         this.plot.box.classList.toggle("drawing", on);
@@ -68,7 +69,6 @@ class Drawing {
         this.show(this.setting);
     }
 
-    /** Shows the points of a setting. */
     show(setting) {
         this.setting = setting;
         $("points-row").hidden = !this.on && !(setting.kind === "csv" && setting.file?.title === DRAWN);
@@ -80,7 +80,7 @@ class Drawing {
         return this.setting.get("command.limit");
     }
 
-    /** Time [s] and command [rad] under a pointer, rounded to a step and to 0.01°. */
+    /** Time [s] and command [rad] under a pointer, rounded to whole steps and to 0.01°. */
     under(pointer) {
         const [x, y] = this.plot.at(pointer), limit = degrees(this.limit);
         const time = Math.min(Math.max(x, 0), this.plot.chart.data[0].at(-1));
@@ -93,7 +93,7 @@ class Drawing {
         this.stroke = [this.under(at)];
     }
 
-    /** Adds a point; moving back removes points. */
+    /** Adds a point to the stroke, and removes points that are not earlier. */
     move(at) {
         if (!this.stroke) return;
         const point = this.under(at);
@@ -111,8 +111,8 @@ class Drawing {
         this.done(() => drawnOver(pointsOf(this.setting), stroke, end));
     }
 
-    /** The points in the text field, one per line: time [s] and angle [°]. Throws an Error. */
-    get written() {
+    /** The points [s, rad] of the text field, in which each line has a time [s] and an angle [°]. Throws an Error. */
+    get points() {
         const texts = this.field.value.split("\n").map(text => text.trim());
         return texts.flatMap((text, k) => {
             if (!text) return [];
