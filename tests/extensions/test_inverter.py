@@ -20,7 +20,7 @@ from emcas_fmu.physics import inverter
 from emcas_fmu.reference.simulate import simulate as integrated
 from emcas_fmu.simulation import simulate, simulate_fins
 from emcas_fmu.studies.analysis import sweep
-from emcas_fmu.studies.analysis.pictures import unseen
+from emcas_fmu.studies.analysis.pictures import neglected
 from tests.marks import others_slow, slow
 
 from . import inverter_reference as phases
@@ -136,8 +136,8 @@ def test_a_sweep_sees_the_voltage_limit(more: str, pairs: int) -> None:
 
 def test_the_analysis_says_that_it_has_no_dead_time() -> None:
     words = "the inverter's dead time"
-    assert words in unseen(get(MODEL)).values()
-    assert words not in unseen(get("nonlinear")).values()
+    assert words in neglected(get(MODEL)).values()
+    assert words not in neglected(get("nonlinear")).values()
 
 
 # -- diodes of an open bridge --------------------------------------------------------------------------------------

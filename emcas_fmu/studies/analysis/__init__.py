@@ -1,5 +1,5 @@
 """Linear and describing-function analysis of an actuator (extra `analysis`).
 
-Each module computes one result from the linear models of `bench.linear` and the compiled kernel. `analyse` calls them
-all; `report` writes the results.
+Most modules compute one result each, from the linear models of `bench.linear` and simulations with the compiled kernel.
+`analyse` calls them, except `envelope`; `report` writes the results.
 """

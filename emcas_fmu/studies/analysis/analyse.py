@@ -21,9 +21,9 @@ from ...support.progress import Progress, silent
 from . import capability, final_values, locus, steps, sweep, thesis
 from .modes import load_rod, modes_at, thesis_modes
 
-_BEYOND = 3.0  # highest frequency of the amplitude sweep over the linear bandwidth
-_STEPS = 7  # of the progress
-# The title of each section that not every actuator has, and the capabilities that it needs.
+_SWEPT = 3.0  # highest frequency of the amplitude sweep, as a multiple of the larger linear bandwidth
+_STEPS = 7  # number of steps in the progress display
+# Title and required capabilities of each section that not every actuator has.
 SECTIONS = {
     "thesis_linear": ("the thesis's linear model", (
         capabilities.CASCADE, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE, capabilities.SCREW_AND_LEVER,
@@ -36,7 +36,7 @@ SECTIONS = {
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """A linear model: closed loop, responses to command and load (None without a load input), loops and margins."""
+    """A linear model: closed loop, responses to command and load (None if no load moves the fin), loops and margins."""
 
     system: System
     command: FrequencyResponse
@@ -47,9 +47,9 @@ class ClosedLoop:
 
 @dataclass(frozen=True)
 class Analysis:
-    """The results. Those of missing SECTIONS are None, with the reasons in ``left_out``.
+    """The results. ``left_out`` has the reasons why SECTIONS are left out: their results are None or empty.
 
-    ``thesis`` is also None if the thesis's model is unstable. ``parameters`` are without faults and homing.
+    ``thesis`` is also None if the thesis's model is unstable. ``parameters`` are those without faults and homing.
     """
 
     parameters: ParameterSet
@@ -58,13 +58,13 @@ class Analysis:
     left_out: Mapping[str, str]
     thesis: ClosedLoop | None
     final_values: Mapping[str, Mapping[str, Any]]
-    """The keys are those of the JSON file, also in `modes` and `envelope`."""
+    """The keys of `final_values`, `modes` and `envelope` are those of the JSON file."""
     sweeps: list[sweep.Sweep]
     modes: Mapping[str, Any] | None
-    """Computed from the parameter set's inertia; those in ``thesis``, from the thesis's."""
+    """Natural frequencies with the inertia of the parameter set and, at the key ``thesis``, with that of the thesis."""
     envelope: Mapping[str, Any] | None
     cases: Mapping[str, Columns]
-    """Motor speed [rad/s] and torque [N.m] in each reference case, by the case's name."""
+    """Motor speed [rad/s] and torque [N.m] in each reference case by name."""
     capability: capability.Capability | None
     locus: locus.Locus
     steps: list[steps.StepComparison]
@@ -74,8 +74,9 @@ def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float
             locus_name: str | None = None, progress: Progress = silent) -> Analysis:
     """Analyse a parameter set at rest at `fin_angle` [rad] under `aero_torque` [N.m]; `rod` overrides models/rod.toml.
 
-    `locus_name` is the parameter of the root locus, by default the first gain. Raises EmcasError for an actuator
-    without a sampled position loop, an operating point that it cannot hold, an unstable loop, an invalid file or locus.
+    `locus_name` is the parameter of the root locus, by default the first gain other than 0. Raises EmcasError for an
+    actuator without a sampled position loop, an operating point that it cannot hold, an unstable loop, an invalid file
+    or an invalid locus.
     """
     parameters = sound(parameters)
     values, model = parameters.values, parameters.model
@@ -93,14 +94,14 @@ def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float
     finals = final_values.final_values(values, fin_angle, aero_torque, model)
     try:
         progress("capability", 3, _STEPS)
-        capable = "capability" not in left_out
-        envelope = capability.envelope(values, model) if capable else None
-        cases = capability.case_points(parameters) if capable else {}
-        fin = capability.capability(values, model) if capable else None
+        has_capability = "capability" not in left_out
+        envelope = capability.envelope(values, model) if has_capability else None
+        cases = capability.case_points(parameters) if has_capability else {}
+        fin_capability = capability.capability(values, model) if has_capability else None
         progress("steps", 4, _STEPS)
         compared = steps.comparisons(values, actuator, "thesis_linear" not in left_out)
         crossings = [f for f in (linear.command.bandwidth, linear.command.phase_bandwidth) if isfinite(f)]
-        highest = _BEYOND * max(crossings, default=linear.command.frequency[-1] / _BEYOND)
+        highest = _SWEPT * max(crossings, default=linear.command.frequency[-1] / _SWEPT)
         swept = sweep.sweeps(values, highest, fin_angle, aero_torque, model=model,
                              progress=lambda name, done, total: progress(name, 5, _STEPS))
     except (ArithmeticError, ValueError) as error:
@@ -109,11 +110,12 @@ def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float
     thesis_model = None if "thesis_linear" in left_out else _thesis(values)
     modes = None if "modes" in left_out else {
         **modes_at(beam, values, fin_angle, model), "thesis": thesis_modes(beam)}
-    return Analysis(parameters, actuator, linear, left_out, thesis_model, finals, swept, modes, envelope, cases, fin,
-                    poles, compared)
+    return Analysis(parameters, actuator, linear, left_out, thesis_model, finals, swept, modes, envelope, cases,
+                    fin_capability, poles, compared)
 
 
 def _left_out(model: str, values: Mapping[str, Any]) -> dict[str, str]:
+    """Return the reason why each of SECTIONS is left out, without those that are not."""
     actuator = get(model)
     reasons = {}
     for section, (title, needs) in SECTIONS.items():
@@ -129,7 +131,7 @@ def _left_out(model: str, values: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _require_stable(actuator: LinearActuator) -> None:
-    """Raise EmcasError for a loop that is unstable or does not move the fin."""
+    """Raise EmcasError for a loop that is unstable, or whose reference does not move the fin."""
     if actuator.stable and not actuator.idle:
         return
     where = f"the linearised loop at {degrees(actuator.point.fin_angle):g} deg"
@@ -162,10 +164,7 @@ def _thesis(values: Mapping[str, Any]) -> ClosedLoop | None:
 
 
 def _closed_loop(system: System, loops: Mapping[str, System]) -> ClosedLoop:
-    """Return the model of a system whose inputs are the command and, in some models, the hinge moment.
-
-    A hinge moment that does not move the fin is left out.
-    """
+    """Return the model of a system whose inputs are the command and perhaps the hinge moment."""
     moving = [name for name in system.input_labels if reaches(system, [name], system.output_labels)]
     command, *load = (frequency.response(system[:, name]) for name in moving)
     return ClosedLoop(system, command, load[0] if load else None, loops,

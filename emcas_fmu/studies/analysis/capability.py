@@ -1,10 +1,10 @@
 """Capability of motor and drive: torque against speed, and hinge moment and rate against fin angle.
 
-In steady motion (di/dt = 0) the limits of voltage and current allow
+In steady motion (di/dt = 0) the largest torque at a motor speed w is
 
-    T_m = K_t clip(i, +-I_max)        (R i + K_e w)^2 + (n w L i)^2 = V^2
+    T_m = K_t clip(i, +-I_max)        with (R i + K_e w)^2 + (n w L i)^2 = V^2
 
-with n = motor.pole_pairs. Fin rate and hinge moment follow from (2.17) of the thesis without acceleration.
+and n = motor.pole_pairs. Fin rate and hinge moment follow from (2.17) of the thesis without acceleration.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from ...simulation import Array
 
 NEEDS = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_LOAD,
          capabilities.COULOMB_FRICTION, capabilities.PROPORTIONAL_TORQUE, capabilities.DRIVE_STEP)
-_POINTS = 101  # fin angles
-_HALVINGS = 60  # bisections of an interval of speeds, down to rounding
+_POINTS = 101  # number of fin angles
+_HALVINGS = 60  # number of bisections of an interval of speeds, after which only rounding is left
 
 
 def limit_torque(p: Any, speed: Any) -> Any:
-    """Return the largest motor torque [N.m] at motor speeds [rad/s], in steady motion."""
+    """Return the largest steady motor torque [N.m] at motor speeds [rad/s]."""
     return drive.limit_torque(ARRAYS, p, p.drive.supply_voltage, speed)
 
 
 def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> dict[str, Any]:
     """Return the torque-speed envelope between the no-load speeds in both directions, with the keys of the JSON file.
 
-    At each ``speed_rad_per_s``, ``torque_nm`` is the largest motor torque; the smallest is its mirror image.
-    ``prompt_torque_nm`` is the largest torque by the drive's proportional action alone; the integral adds the rest with
-    the time constant ``integral_time_s`` (nan without an integral).
+    ``torque_nm`` is the largest motor torque at each ``speed_rad_per_s``; the smallest is -T(-w). ``prompt_torque_nm``
+    is the largest torque with the drive's proportional action alone; the integral action adds the rest with the time
+    constant ``integral_time_s`` (nan without an integral).
     """
     p = get(model).plant(values)
     free = p.drive.supply_voltage / p.motor.back_emf_constant
@@ -59,10 +59,7 @@ def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> dict[str, Any
 
 
 def case_points(parameters: ParameterSet) -> dict[str, Columns]:
-    """Return motor speed [rad/s] and torque [N.m] at the communication points of each reference case, by name.
-
-    Start values of parameters that the actuator does not have are left out.
-    """
+    """Return motor speed [rad/s] and torque [N.m] at the communication points of each reference case by name."""
     subject, supply = ParameterSubject(parameters), supply_start(parameters.model, parameters.values)
     cases = {case.name: reference_case(case.name, supply=supply) for case in CASES}
     return {name: subject.run(replace(case, start_values=parameters.having(case.start_values)),
@@ -73,10 +70,10 @@ def case_points(parameters: ParameterSet) -> dict[str, Columns]:
 class Capability:
     """Capability against ``fin_angle`` [rad]; arrays [angles], or [2, angles] for motion along + and -.
 
-    ``stall`` [N.m] is the largest hinge moment against which the fin moves, ``held`` the largest that it holds at rest
-    with the help of dry friction. ``rate`` [rad/s] is without load, ``rate_loaded`` against RATED, within supply, drive
-    current and the controllers' speed limit; ``free_rate`` and ``free_rate_loaded`` are without that limit. ``ratio``
-    is R [1].
+    ``stall`` [N.m] is the largest hinge moment against which the fin moves, ``held`` [N.m] the largest that it holds at
+    rest with the help of dry friction. ``rate`` [rad/s] is the steady rate without load, ``rate_loaded`` against RATED;
+    supply, drive current and the controllers' speed limit allow them. ``free_rate`` and ``free_rate_loaded`` are those
+    without the controllers' speed limit. ``ratio`` is R [1].
     """
 
     fin_angle: Array
@@ -90,7 +87,7 @@ class Capability:
 
 
 def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
-    """Return the capability over the range of commands, of an actuator that provides NEEDS."""
+    """Return the capability over the range of commands. The actuator must provide NEEDS."""
     p = get(model).plant(values)
     fin = np.linspace(-p.command.limit, p.command.limit, _POINTS)
     level = loads.level(FLOATS, p)
@@ -99,7 +96,7 @@ def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
     for row, side in enumerate((1.0, -1.0)):
         driving = limit_torque(p, 0.0) + side * m.load
         stall[row] = np.maximum(m.ratio * (driving - mechanics.breakaway(ARRAYS, p, m, side)), 0.0)
-        # Here friction helps the motor: the load would have to overcome it, too.
+        # At rest, friction helps the motor: the load must overcome both.
         held[row] = m.ratio * (driving + mechanics.breakaway(ARRAYS, p, m, -side))
     free = p.drive.supply_voltage / p.motor.back_emf_constant
     rates = [np.stack([steady_rate(p, fin, side, level.replace(aero_torque=-side * load), limit)
@@ -109,7 +106,7 @@ def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
 
 
 def steady_rate(p: Any, fin: Any, side: float, acting: Any, limit: float) -> Any:
-    """Return the largest steady fin rate [rad/s] along `side` (1, -1) at fin angles [rad]; 0 at stall.
+    """Return the largest steady fin rate [rad/s] in the direction `side` (1, -1) at fin angles [rad]; 0 at stall.
 
     `acting` are the loads (loads.LOADS), `limit` [rad/s] is the largest motor speed.
     """
@@ -117,8 +114,8 @@ def steady_rate(p: Any, fin: Any, side: float, acting: Any, limit: float) -> Any
     surplus = side * m.load - mechanics.breakaway(ARRAYS, p, m, side)
     damping = mechanics.damping(ARRAYS, p, m, side)
     slowest, fastest = np.zeros_like(surplus), np.full_like(surplus, limit)
-    for _ in range(_HALVINGS):  # the remaining torque falls with speed
+    for _ in range(_HALVINGS):  # the accelerating torque falls with speed
         speed = 0.5 * (slowest + fastest)
-        left = limit_torque(p, speed) + surplus - damping * speed > 0.0
-        slowest, fastest = np.where(left, speed, slowest), np.where(left, fastest, speed)
+        accelerates = limit_torque(p, speed) + surplus - damping * speed > 0.0
+        slowest, fastest = np.where(accelerates, speed, slowest), np.where(accelerates, fastest, speed)
     return fastest / m.ratio

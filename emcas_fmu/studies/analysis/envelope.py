@@ -1,16 +1,17 @@
 """Torque-speed envelopes of motor and drive, continuous and short-term (thesis, Figure 3.2).
 
-The largest torque in steady motion is that of a current within all of these limits:
+The envelope is the largest steady torque at each speed with a current within these limits:
 
-- heat, continuous: the winding's steady temperature is heat.winding_limit;
-- heat, short-term: the winding reaches heat.winding_limit after the duration, from the steady state under a preload;
-  this is a share of the smallest continuous limit, so the I2t load is empty at the start;
-- I2t: heat.continuous_current; short-term the current that the drive allows for the duration without folding back;
+- heat, continuous: the current at which the winding's steady temperature is heat.winding_limit;
+- heat, short-term: the current at which the winding reaches heat.winding_limit after the duration, from the steady
+  state under a preload. As a share of the smallest continuous limit, the preload leaves the drive's I2t load at 0;
+- I2t, continuous: heat.continuous_current;
+- I2t, short-term: the current that the drive allows for the duration without reducing it;
 - peak: drive.current_limit;
 - voltage: V^2 = (R i + K_e w)^2 + (n w L i)^2 at the supply, with n = motor.pole_pairs.
 
 R, K_t and K_e are those at the temperatures that the current causes, in steady state or at the end of the duration.
-If heat weakens the magnets much, a smaller current may give the largest torque. Losses outside the winding are
+If heat weakens the magnets much, the largest torque may belong to a smaller current. Losses outside the winding are
 neglected.
 """
 
@@ -42,10 +43,10 @@ from ...units import RPM
 
 NEEDS = (capabilities.MOTOR_CURRENT, capabilities.PROPORTIONAL_TORQUE, capabilities.CURRENT_LIMIT,
          capabilities.VOLTAGE_LIMIT, capabilities.SCREW_DRIVE)
-_POINTS = 201
-_CURRENTS = 401  # points of the grid that brackets extremes of the torque and roots of the voltage
+_POINTS = 201  # number of speeds
+_CURRENTS = 401  # number of currents that are tried, and between which the voltage limit is solved for
 _SHORTEST, _LONGEST = 1e-6, 1e9  # s, limits of the duration
-_MOLTEN = 1e9  # degC, in place of a temperature that overflows
+_OVERFLOWN = 1e9  # degC, replaces a temperature that overflows
 CAUSES = {"heat": "heat", "i2t": "I2t", "peak": "peak current"}
 """The limits of the current, in words."""
 _WINDING = ("heat.winding_", "heat.case_", "heat.reference_temperature", "heat.resistance_coefficient",
@@ -58,17 +59,17 @@ INPUTS = {"current_a": _ALL, "heat_current_a": _WINDING, "i2t_current_a": _I2T, 
           TORQUE: (*_ALL, *_MOTOR), "corner_speed_rad_per_s": (*_ALL, "motor.", "drive.supply_voltage"),
           "no_load_speed_rad_per_s": ("motor.back_emf_constant", "drive.supply_voltage", "heat.torque_coefficient"),
           "winding_degc": _ALL, "case_degc": _ALL}
-"""For each figure of the JSON file, the parameters, and groups of them, on which it depends."""
+"""For each figure of the JSON file, the parameters, and prefixes of parameters, on which the figure depends."""
 Temperatures = tuple[float, float]  # of winding and case [degC]
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One envelope: `currents` [A] within each of CAUSES, and the `torque` [N.m] at each speed of the Envelope.
+    """One envelope: the largest current [A] by each of CAUSES, and the `torque` [N.m] at each speed of the Envelope.
 
-    `winding` and `case` are the temperatures [degC] due to the smallest of these currents; the voltage suffices for it
-    up to `corner_speed` [rad/s] (0: at no speed). `limits` are the torques [N.m] at the current of each cause alone,
-    and within the voltage at the initial temperatures.
+    The smallest of `currents` causes the temperatures `winding` and `case` [degC]; the voltage suffices for it up to
+    `corner_speed` [rad/s] (0: at no speed). `limits` are torques [N.m]: by each cause alone, and by the voltage at the
+    initial temperatures.
     """
 
     currents: Mapping[str, float]
@@ -80,12 +81,12 @@ class Curve:
 
     @property
     def current(self) -> float:
-        """Largest current [A] at speeds below `corner_speed`."""
+        """The largest current [A] at speeds below `corner_speed`."""
         return min(self.currents.values())
 
     @property
     def bound_by(self) -> str:
-        """The cause with the smallest current, the last of equals: an I2t limit at the peak current has no effect."""
+        """The cause of the smallest current; of equal ones the last: an I2t limit equal to the peak has no effect."""
         return min(reversed(CAUSES), key=self.currents.__getitem__)
 
 
@@ -102,7 +103,7 @@ class Envelope:
     continuous: Curve
     short_term: Curve
     estimates: Mapping[str, tuple[str, ...]]
-    """For each figure, the engineering estimates among its INPUTS."""
+    """For each figure, the estimates among its INPUTS."""
 
     @property
     def curves(self) -> dict[str, Curve]:
@@ -113,7 +114,8 @@ class Envelope:
 def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) -> Envelope:
     """Return the envelopes at the parameters' ambient temperature and supply, for a `duration` [s].
 
-    `preload` is a share [1] of the continuous current. Raises EmcasError, also for an actuator without extension heat.
+    `preload` is a share [1] of the continuous current. Raises EmcasError for an actuator without extension heat or
+    NEEDS, and for values outside their limits.
     """
     if "heat" not in parts(parameters.model)[1]:
         raise EmcasError(f"model {parameters.model}: an envelope needs the extension heat: {parameters.model}+heat")
@@ -131,14 +133,15 @@ def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) ->
     if ambient >= limit:
         raise EmcasError(f"friction.temperature = {ambient:g} degC must be below heat.winding_limit = {limit:g} degC")
     peak = float(p.drive.current_limit)
-    lasting = continuous_current(p), min(float(p.heat.continuous_current), peak), peak
-    cold, start = settled(p, 0.0), settled(p, preload * min(lasting))
-    brief = short_term_current(p, duration, start), float(heat.sustained_current(FLOATS, p, duration)), peak
-    free = [p.drive.supply_voltage / heat.at_temperatures(FLOATS, p, *t).motor.back_emf_constant for t in (cold, start)]
-    speed = np.linspace(0.0, max(free), _POINTS)
+    continuous = continuous_current(p), min(float(p.heat.continuous_current), peak), peak
+    cold, start = settled(p, 0.0), settled(p, preload * min(continuous))
+    short_term = short_term_current(p, duration, start), float(heat.sustained_current(FLOATS, p, duration)), peak
+    no_load_speed = max(p.drive.supply_voltage / heat.at_temperatures(FLOATS, p, *t).motor.back_emf_constant
+                        for t in (cold, start))
+    speed = np.linspace(0.0, no_load_speed, _POINTS)
     estimates = {figure: parameters.estimates_in(names) for figure, names in INPUTS.items()}
-    return Envelope(speed, duration, preload, _curve(p, speed, lasting, cold, lambda i: settled(p, i)),
-                    _curve(p, speed, brief, start, lambda i: warmed(p, i, duration, start)),
+    return Envelope(speed, duration, preload, _curve(p, speed, continuous, cold, lambda i: settled(p, i)),
+                    _curve(p, speed, short_term, start, lambda i: warmed(p, i, duration, start)),
                     {figure: names for figure, names in estimates.items() if names})
 
 
@@ -149,7 +152,7 @@ def continuous_current(p: Any) -> float:
 
 
 def short_term_current(p: Any, duration: float, start: Temperatures) -> float:
-    """Return the constant current [A] that heats the winding to heat.winding_limit in `duration` [s]."""
+    """Return the constant current [A] that heats the winding from `start` to heat.winding_limit in `duration` [s]."""
     def excess(current: float) -> float:
         return warmed(p, current, duration, start)[0] - float(p.heat.winding_limit)
 
@@ -157,7 +160,7 @@ def short_term_current(p: Any, duration: float, start: Temperatures) -> float:
     high = 2.0 * low
     while excess(high) < 0.0:
         low, high = high, 2.0 * high
-    # After a very long time the continuous current reaches the limit, to rounding.
+    # In a very long duration even the continuous current reaches the limit, except for rounding.
     return low if excess(low) >= 0.0 else float(brentq(excess, low, high, xtol=1e-9))
 
 
@@ -175,27 +178,27 @@ def _rates(p: Any, current: float) -> tuple[Array, Array]:
 
 
 def settled(p: Any, current: float) -> Temperatures:
-    """Return the steady temperatures [degC] under a current [A], at most the continuous one."""
+    """Return the steady temperatures [degC] under a current [A] that is at most the continuous one."""
     a, b = _rates(p, current)
     winding, case = np.linalg.solve(a, -b)
     return float(winding), float(case)
 
 
 def warmed(p: Any, current: float, time: float, start: Temperatures) -> Temperatures:
-    """Return the exact temperatures [degC] after `time` [s] of a constant current [A]; _MOLTEN where they overflow."""
+    """Return the exact temperatures [degC] after `time` [s] of a constant current [A]; _OVERFLOWN if they overflow."""
     a, b = _rates(p, current)
     # Two nodes that heat each other have different real rates; NumPy may return them as complex numbers.
     rates, modes = (part.real for part in np.linalg.eig(a))
     with np.errstate(all="ignore"):
         grown = np.where(rates == 0.0, time, np.expm1(rates * time) / rates)
         end = np.array(start) + modes @ (grown * np.linalg.solve(modes, a @ np.array(start) + b))
-    winding, case = (float(x) if isfinite(x) else _MOLTEN for x in end)
+    winding, case = (float(x) if isfinite(x) else _OVERFLOWN for x in end)
     return winding, case
 
 
 def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures,
            heated: Callable[[float], Temperatures]) -> Curve:
-    """Return the envelope of the currents `allowed` by CAUSES; `heated` returns the temperatures due to a current."""
+    """Return the envelope of the currents [A] `allowed` by CAUSES; `heated` returns the temperatures by a current."""
     currents = dict(zip(CAUSES, allowed, strict=True))
     largest, supply = min(allowed), p.drive.supply_voltage
 
@@ -204,26 +207,26 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
         return heat.at_temperatures(FLOATS, p, *heated(current))
 
     def torque_of(current: float) -> float:
-        # A current beyond the limit of heat has the temperatures of that limit.
+        # For a current beyond the limit of heat, the temperatures are those at the limit.
         return float(drive.torque(motor(min(current, allowed[0])), current))
 
-    def reach(current: float) -> float:
-        # The largest speed [rad/s] at a current; below 0 if the voltage does not suffice even at rest.
+    def largest_speed(current: float) -> float:
+        # The largest speed [rad/s] at a current; -1 if the voltage does not suffice even at rest.
         return float(drive.knee_speed(FLOATS, motor(current), supply, current)) or -1.0
 
-    # The torque is largest where the voltage is at its limit, at the largest current, or at a local maximum.
+    # The torque is largest at the voltage limit, at the largest current, or at a local maximum, by one of the currents.
     tried = np.linspace(0.0, largest, _CURRENTS).tolist()
-    reached, torques = list(map(reach, tried)), list(map(torque_of, tried))
+    speeds, torques = list(map(largest_speed, tried)), list(map(torque_of, tried))
 
     def largest_torque(at: float) -> float:
-        limited = [brentq(lambda i: reach(i) - at, *between, xtol=1e-9)
-                   for between, (low, high) in zip(pairwise(tried), pairwise(reached), strict=True)
+        limited = [brentq(lambda i: largest_speed(i) - at, *between, xtol=1e-9)
+                   for between, (low, high) in zip(pairwise(tried), pairwise(speeds), strict=True)
                    if (low >= at) is not (high >= at)]
-        return max((*(torque for torque, speed in zip(torques, reached, strict=True) if speed >= at),
+        return max((*(torque for torque, speed in zip(torques, speeds, strict=True) if speed >= at),
                     *map(torque_of, limited)), default=0.0)
 
     cold = heat.at_temperatures(FLOATS, p, *start)
-    return Curve(currents, *heated(largest), max(reached[-1], 0.0),
+    return Curve(currents, *heated(largest), max(speeds[-1], 0.0),
                  np.array([largest_torque(float(at)) for at in speed]),
                  {**{cause: np.full(len(speed), torque_of(current)) for cause, current in currents.items()},
                   "voltage": drive.torque(cold, np.maximum(drive.steady_current(ARRAYS, cold, supply, speed), 0.0))})
@@ -239,17 +242,17 @@ def draw(e: Envelope) -> Figure:
         axes.fill_between(rpm, curve.torque, color=color, alpha=0.18, linewidth=0.0)
         axes.plot(rpm, curve.torque, color=color, linewidth=2.0, label=f"{name} (limited by {CAUSES[curve.bound_by]})")
         axes.plot(rpm, curve.limits["heat"], color=color, linestyle="--", label=f"winding at its limit, {name}")
-    cold = e.short_term
-    axes.plot(rpm, cold.limits["peak"], color=PURPLE, linestyle="-.", label="drive's peak current")
-    axes.plot(rpm, cold.limits["voltage"], color=GREEN, linestyle=":", label="supply voltage, initial temperature")
-    top = max(cold.limits["peak"][0], min(cold.limits["heat"][0], 2.0 * cold.limits["peak"][0]))
+    limits = e.short_term.limits
+    axes.plot(rpm, limits["peak"], color=PURPLE, linestyle="-.", label="drive's peak current")
+    axes.plot(rpm, limits["voltage"], color=GREEN, linestyle=":", label="supply voltage, initial temperature")
+    top = max(limits["peak"][0], min(limits["heat"][0], 2.0 * limits["peak"][0]))
     axes.set(xlim=(0.0, rpm[-1]), ylim=(0.0, 1.1 * top))
     plot.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, labelcolor=INK)
     return plot
 
 
 def write_picture(e: Envelope, path: Path, parameters: ParameterSet) -> None:
-    """Write the plot of :func:`draw` as ``.svg``, ``.png`` or ``.pdf``, or in a page as ``.html``."""
+    """Write the plot of :func:`draw` as ``.svg``, ``.png`` or ``.pdf``, or a page with it as ``.html``."""
     with style():
         plot = draw(e)
         if path.suffix != ".html":

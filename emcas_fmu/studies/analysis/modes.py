@@ -3,8 +3,8 @@
     A = pi d^2/4    J_p = pi d^4/32    k_x = E A/L    k_t = G J_p/L                (2.48)-(2.51)
     m_eq = J_eq/l^2    f_x = sqrt(k_x/m_eq)/(2 pi)    f_t = sqrt(k_t/J_eq)/(2 pi)    (2.52)-(2.55)
 
-The thesis states 42 and 139 times the bandwidth of 10 Hz. It divides rad/s by Hz: the true factors are 6.7 and 22,
-still enough for a rigid model.
+The thesis states that they are 42 and 139 times its bandwidth of 10 Hz, but divides rad/s by Hz. The true factors, 6.7
+and 22, still justify a rigid model.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from ...physics import kinematics, mechanics
 from ...support.files import models_directory
 from ...variables import Variable
 
-_SMALLEST = 1e-15  # lower limit of every quantity in its unit: all are above 0
+_SMALLEST = 1e-15  # lower limit of each quantity in its unit, since all must be above 0
 _KNOWN = Known([Variable(name, "Real", "parameter", "fixed", unit, "", _SMALLEST) for name, unit in {
     "rod.length": "m", "rod.diameter": "m", "rod.tensile_modulus": "N/m^2", "rod.shear_modulus": "N/m^2",
     "thesis.inertia": "kg*m^2", "thesis.mass": "kg", "thesis.bandwidth": "Hz"}.items()], "a rod has no such entry")
 
 
 def load_rod(path: Path | None = None) -> Mapping[str, float]:
-    """Return the rod and the thesis's Table 1, SI by dotted name, from models/rod.toml, overridden by the file `path`.
+    """Return the values [SI] of the rod and of the thesis's Table 1 by dotted name.
 
-    Raises EmcasError for an invalid file.
+    They are those of models/rod.toml; the file `path` overrides them. Raises EmcasError for an invalid file.
     """
     entries: dict[str, float] = {}
     for file in (models_directory() / "rod.toml", *([path] if path else [])):
@@ -44,9 +44,9 @@ def load_rod(path: Path | None = None) -> Mapping[str, float]:
 
 
 def modes(rod: Mapping[str, float], inertia: float, mass: float) -> dict[str, float]:
-    """Return the rod's natural frequencies [Hz] in tension and torsion, with the keys of the JSON file.
+    """Return the natural frequencies [Hz] of a rod in tension and torsion, with the keys of the JSON file.
 
-    The rod has an `inertia` [kg.m2] and a `mass` [kg] at its end. Ratios [1] are those to the thesis's bandwidth.
+    The rod has an `inertia` [kg.m2] and a `mass` [kg] at its end. Ratios [1] are relative to the thesis's bandwidth.
     """
     length, diameter = rod["rod.length"], rod["rod.diameter"]
     tension = rod["rod.tensile_modulus"] * pi * diameter**2 / 4.0 / length
@@ -58,7 +58,7 @@ def modes(rod: Mapping[str, float], inertia: float, mass: float) -> dict[str, fl
 
 def modes_at(rod: Mapping[str, float], values: Mapping[str, Any], fin_angle: float, model: str = NONLINEAR
              ) -> dict[str, float]:
-    """Return the natural frequencies with the parameter set's inertia at the motor, at a fin angle [rad]."""
+    """Return :func:`modes` with the parameter set's inertia at the motor, at a fin angle [rad]."""
     p = get(model).plant(values)
     inertia = mechanics.coefficients(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin_angle)).inertia
     mass = inertia / p.screw.lead**2
@@ -66,8 +66,8 @@ def modes_at(rod: Mapping[str, float], values: Mapping[str, Any], fin_angle: flo
 
 
 def thesis_modes(rod: Mapping[str, float]) -> dict[str, float]:
-    """Return the natural frequencies with inertia and mass from Table 1, and the thesis's ratios of rad/s to Hz."""
+    """Return :func:`modes` with inertia and mass from Table 1, and the thesis's ratios of rad/s to Hz."""
     table = modes(rod, rod["thesis.inertia"], rod["thesis.mass"])
-    stated = {f"{name}_rad_per_s_over_hz": 2.0 * pi * table[f"{name}_over_bandwidth"]
+    ratios = {f"{name}_rad_per_s_over_hz": 2.0 * pi * table[f"{name}_over_bandwidth"]
               for name in ("axial", "torsional")}
-    return {**table, **stated, "bandwidth_hz": rod["thesis.bandwidth"]}
+    return {**table, **ratios, "bandwidth_hz": rod["thesis.bandwidth"]}

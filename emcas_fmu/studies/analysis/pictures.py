@@ -25,14 +25,14 @@ Look = dict[str, Any]
 """Line properties by matplotlib's names."""
 _DASHED: Look = {"linestyle": (0, (5, 1.5))}
 _THESIS: Look = {"color": plots.VERMILLION, "linewidth": 1.1, **_DASHED}
-_SHOWN = (0.1, 300.0)  # Hz, in Bode diagrams
-_DOTS = 400  # per case, about
+_SHOWN = (0.1, 300.0)  # Hz, range of the frequencies in Bode diagrams
+_DOTS = 400  # approximate number of points plotted per reference case
 _LIMIT_NAMES = {"rate": "speed reference", "current": "drive current", "voltage": "supply voltage",
                 "dac": "analogue reference"}
 
 
-def unseen(actuator: Actuator) -> dict[str, str]:
-    """Return the small effects of an actuator that linear models leave out: words by key."""
+def neglected(actuator: Actuator) -> dict[str, str]:
+    """Return the names of an actuator's small effects that linear models leave out, by key."""
     names = [v.name for v in actuator.parameters]
     effects = {
         "friction": ("friction", any("coulomb" in name or name.startswith(("stribeck.", "lugre.")) for name in names)),
@@ -47,14 +47,14 @@ def _listed(words: list[str]) -> str:
 
 
 def drawings(analysis: Analysis) -> Iterator[Drawing]:
-    """Yield all plots, except those of sections that are left out."""
+    """Yield all plots except those of sections that are left out."""
     for draw, section in DRAWINGS.items():
         if section not in analysis.left_out:
             yield draw(analysis)
 
 
 def bode(analysis: Analysis) -> Drawing:
-    """Plot the responses to command and load over frequency."""
+    """Plot the frequency responses to command and load."""
     figure, ((gain, load_gain), (phase, load_phase)) = plots.figure(
         2, 2, height=2.4, sharex=True, x="frequency [Hz]", y=("gain [dB]", "phase [deg]"))
 
@@ -121,7 +121,7 @@ def _limited(margin: float, unit: str, at: float, mark: str = "") -> str:
 def _nichols_line(axes: Axes, model: ClosedLoop, name: str, look: Look) -> None:
     response, margins = frequency.response(model.loops[name]), model.margins[name]
     grid = response.frequency
-    # The phase of a loop with integrators starts below -90 deg: plot the branch nearest to -90 deg at the crossover.
+    # The phase is plotted shifted by whole turns, as near as possible to -90 deg at the gain crossover.
     turns = np.round((np.interp(margins.gain_crossover, grid, response.phase) + 0.5 * pi) / (2.0 * pi))
     phase = np.degrees(response.phase - 2.0 * pi * turns)
     axes.plot(phase, response.gain_db, **look)
@@ -132,7 +132,7 @@ def _nichols_line(axes: Axes, model: ClosedLoop, name: str, look: Look) -> None:
 
 
 def root_locus(analysis: Analysis) -> Drawing:
-    """Plot the closed-loop poles against the chosen parameter."""
+    """Plot the closed-loop poles over the parameter of the locus."""
     figure, (axes,) = plots.column("Im s / 2π [Hz]", x="Re s / 2π [Hz]", height=4.2, width=7.5)
     roots, hertz = analysis.locus, 1.0 / (2.0 * pi)
     crossover = analysis.linear.margins["reference"].phase_crossover
@@ -170,14 +170,14 @@ def root_locus(analysis: Analysis) -> Drawing:
 
 
 def steps(analysis: Analysis) -> Drawing:
-    """Plot steps of the linear models and of the simulated actuator."""
+    """Plot the steps of the linear models and of the simulated actuator."""
     figure, (row,) = plots.figure(1, max(len(analysis.steps), 1), height=2.6, sharex=True, sharey=True, x="time [ms]",
                                   y=["fin angle / step"])
     looks: list[Look] = [{**_THESIS, "label": "thesis's linear model"},
                          {"color": plots.BLUE, "label": "linearised here"},
                          {"color": plots.GREEN, "label": "simulated"}]
-    settled = [s.metrics_nonlinear["settling_time"] for s in analysis.steps]
-    end = 1e3 * float(np.clip(1.15 * np.max(settled, initial=0.0), 0.15, STOP))
+    settling_times = [s.metrics_nonlinear["settling_time"] for s in analysis.steps]
+    end = 1e3 * float(np.clip(1.15 * np.max(settling_times, initial=0.0), 0.15, STOP))
     for axes, s in zip(row, analysis.steps, strict=False):
         plots.shade(axes, s.time * 1e3, s.active, "a limit is active")
         for angle, look in zip((s.thesis, s.linear, s.nonlinear), looks, strict=True):
@@ -187,14 +187,14 @@ def steps(analysis: Analysis) -> Drawing:
         axes.set(xlim=(0, end))
     plots.legend_above(figure, 4)
     differences = ", ".join(f"{s.difference:.0f} % at {abs(s.size):g} deg" for s in analysis.steps)
-    causes = list(unseen(analysis.actuator.actuator).values())
+    causes = list(neglected(analysis.actuator.actuator).values())
     small = f"Small steps differ because of {_listed(causes)}, large ones" if causes else "Large steps differ"
     return Drawing("Steps, linear and simulated", figure, "The fin angle over the step. Largest difference between "
                    f"simulated and linear: {differences}. {small} because of the limits.")
 
 
 def amplitudes(analysis: Analysis) -> Drawing:
-    """Plot bandwidth, and the frequency at which each limit begins to act, against amplitude."""
+    """Plot the bandwidths, and the lowest frequency at which each limit acts, against amplitude."""
     figure, (axes,) = plots.column("frequency [Hz]", x="amplitude of the command [deg]", height=3.6, width=7.5)
     sweeps, linear = analysis.sweeps, analysis.linear.command
     size = np.array([degrees(s.amplitude) for s in sweeps])
@@ -216,7 +216,7 @@ def amplitudes(analysis: Analysis) -> Drawing:
     plots.legend_above(figure, 3)
     marks = ("Thin lines with marks: the lowest frequency at which a limit acts at some instant of the period. "
              if limits else "")
-    causes = [key for key in unseen(analysis.actuator.actuator) if key not in ("compensation", "dead time")]
+    causes = [key for key in neglected(analysis.actuator.actuator) if key not in ("compensation", "dead time")]
     small = f"Small amplitudes lose bandwidth to {_listed(causes)}, large ones" if causes else (
         "Large amplitudes lose bandwidth")
     return Drawing("Bandwidth against amplitude", figure, "Describing function by steady sines of the simulated "
@@ -245,7 +245,7 @@ def limit_shares(analysis: Analysis) -> Drawing:
 
 
 def torque_speed(analysis: Analysis) -> Drawing:
-    """Plot the torque-speed envelope, with motor speed and torque in the reference cases."""
+    """Plot the torque-speed envelope, and motor speed and torque in the reference cases."""
     figure, (axes,) = plots.column("motor torque [N.m]", x="motor speed [rpm]", height=4.0, width=7.5)
     e, cases = analysis.envelope, analysis.cases
     assert e is not None
@@ -309,7 +309,7 @@ def fin_capability(analysis: Analysis) -> Drawing:
                    "against 100 N.m, and the rate at the controllers' speed limit.")
 
 
-# Each function with its section of `analyse.SECTIONS`; empty for plots of every actuator.
+# For each function its section of `analyse.SECTIONS`; empty if it applies to every actuator.
 DRAWINGS: Mapping[Callable[[Analysis], Drawing], str] = {
     bode: "", nichols: "", root_locus: "", steps: "", amplitudes: "", limit_shares: "limits",
     torque_speed: "capability", fin_capability: "capability"}

@@ -1,4 +1,4 @@
-"""The figures of an analysis with their units, for JSON, and the page."""
+"""The JSON figures, the tables and the page of an analysis."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from ...pages.numbers import number
 from ...pages.page import write_page
 from . import final_values
 from .analyse import Analysis, ClosedLoop
-from .pictures import drawings, unseen
+from .pictures import drawings, neglected
 from .sweep import LIMITS
 
 
 def figures_of(analysis: Analysis) -> dict[str, Any]:
-    """Return all figures as nested dictionaries with units in the names; a missing or unlimited figure is None."""
+    """Return all figures in nested dictionaries with units in the keys; None for a missing or infinite figure."""
     actuator, thesis, locus = analysis.actuator, analysis.thesis, analysis.locus
     point, system = actuator.point, analysis.linear.system
-    figures: dict[str, Any] = writers.plain({
+    return dict(writers.plain({
         "emcas": __version__,
         "model": actuator.actuator.name,
         "left_out": analysis.left_out,
@@ -56,8 +56,7 @@ def figures_of(analysis: Analysis) -> dict[str, Any]:
                    "rise_time_nonlinear_s": s.metrics_nonlinear["rise_time"],
                    "overshoot_linear_percent": 100.0 * s.metrics_linear["overshoot"],
                    "overshoot_nonlinear_percent": 100.0 * s.metrics_nonlinear["overshoot"]} for s in analysis.steps],
-    })
-    return figures
+    }))
 
 
 def _loop(loop: ClosedLoop) -> dict[str, Any]:
@@ -77,7 +76,7 @@ def _loop(loop: ClosedLoop) -> dict[str, Any]:
 
 
 def _capability(analysis: Analysis) -> dict[str, Any] | None:
-    """Return the capability that both directions have: the smaller of the two."""
+    """Return the smaller capability of both directions; None if it is left out."""
     if (c := analysis.capability) is None:
         return None
     moments, rates = ("stall", "held"), ("rate", "rate_loaded", "free_rate", "free_rate_loaded")
@@ -88,7 +87,7 @@ def _capability(analysis: Analysis) -> dict[str, Any] | None:
 
 
 class Rows(NamedTuple):
-    """A table for page and terminal; columns whose name begins with ">" have numbers, or None without a value."""
+    """A table for page and terminal; columns whose names begin with ">" have numbers, or None for no value."""
 
     caption: str
     columns: list[str]
@@ -96,35 +95,35 @@ class Rows(NamedTuple):
 
 
 def tables(f: dict[str, Any], reference: str) -> dict[str, Rows]:
-    """Return the tables of the figures `f` by section; `reference` is the name of the controllers' output."""
+    """Return the tables of the figures `f` by section; `reference` names the controllers' output."""
     here, thesis, compared = f["linear"], f["thesis_linear"], "thesis_linear" not in f["left_out"]
-    made = {"linear": Rows("Bandwidth and peak of the linear models", [
+    sections = {"linear": Rows("Bandwidth and peak of the linear models", [
         "", ">linearised here", *[">thesis’s model"] * compared], [
             [label, here[key], *[thesis[key] if thesis else "unstable"] * compared] for label, key in (
                 ("bandwidth, -3 dB [Hz]", "bandwidth_3db_hz"), ("bandwidth, -90 deg [Hz]", "bandwidth_90deg_hz"),
                 ("largest closed-loop gain [dB]", "peak_db"))])}
-    named = {"reference": f"{reference} u", "position": "position", "velocity": "velocity (position loop open)",
-             "current": "current (outer loops open)"}
-    loops = {label: here["loops"][name] for name, label in named.items() if name in here["loops"]}
+    labels = {"reference": f"{reference} u", "position": "position", "velocity": "velocity (position loop open)",
+              "current": "current (outer loops open)"}
+    loops = {label: here["loops"][name] for name, label in labels.items() if name in here["loops"]}
     if thesis:
         loops[f"{reference} u, thesis’s model"] = thesis["loops"]["reference"]
     rows = (("gain margin up [dB]", "gain_margin_up_db"), ("at [Hz]", "phase_crossover_hz"),
             ("gain margin down [dB]", "gain_margin_down_db"), ("at [Hz]", "reduction_crossover_hz"),
             ("phase margin [deg]", "phase_margin_deg"), ("at [Hz]", "gain_crossover_hz"),
             ("delay margin [ms]", "delay_margin_s"), ("smallest |1 + L|", "modulus_margin"))
-    made["margins"] = Rows("Stability margins, loop by loop", [
+    sections["margins"] = Rows("Stability margins, loop by loop", [
         "loop broken at", *(f">{label}" for label in loops)], [
             [label, *(x[key] and (1e3 if "[ms]" in label else 1.0) * x[key] for x in loops.values())]
             for label, key in rows])
     finals = f["final_values"]
-    made["finals"] = Rows("Errors that remain after steps of command and load", [
+    sections["finals"] = Rows("Errors that remain after steps of command and load", [
         "position controller", f">after a command of {finals['command_step_deg']:g} deg [deg]",
         f">after a load of {finals['load_step_nm']:g} N.m [deg]", ">slowest mode [s]"], [
             [label.format(number(x["ki"])) + ("" if x["stable"] else " (unstable)"), x["command_error_deg"],
              x["load_error_deg"], x["slowest_time_constant_s"]] for key, label in (
                 ("p", "P"), ("pi", "PI, ki = {} 1/s2"), ("as_set", "as set")) if (x := finals.get(key))])
     if rod := f["modes"]:
-        made["modes"] = Rows("Natural frequencies of motor shaft and screw", [
+        sections["modes"] = Rows("Natural frequencies of motor shaft and screw", [
             "motor shaft and screw as a rod", ">axial [Hz]", ">torsional [Hz]",
             f">over {rod['thesis']['bandwidth_hz']:g} Hz"], [
                 [label, x["axial_hz"], x["torsional_hz"],
@@ -132,16 +131,16 @@ def tables(f: dict[str, Any], reference: str) -> dict[str, Rows]:
                     (f"inertia of this parameter set, {rod['inertia_kgm2']:.3g} kg.m2", rod),
                     ("Table 1 of the thesis", rod["thesis"]))])
     limits = () if "limits" in f["left_out"] else ("rate limited", "current", "voltage", "analogue reference")
-    made["sweep"] = Rows("Bandwidth and first limit against amplitude", [
+    sections["sweep"] = Rows("Bandwidth and first limit against amplitude", [
         ">amplitude [deg]", ">-3 dB [Hz]", ">-90 deg [Hz]", *(f">{limit} from [Hz]" for limit in limits)], [
             [s["amplitude_deg"], s["bandwidth_3db_hz"], s["bandwidth_90deg_hz"], *s["limit_onset_hz"].values()]
             for s in f["sweep"]])
-    return made
+    return sections
 
 
 def write_report(analysis: Analysis, path: Path) -> None:
-    """Write the page; the same analysis, command and date give the same bytes."""
+    """Write the page. The same analysis, command and date give the same bytes."""
     f, actuator = figures_of(analysis), analysis.actuator
     write_page(path, "studies/analysis/page.html.j2", [analysis.parameters], f=f,
                tables=tables(f, actuator.reference_name), actuator=actuator.actuator, reference=actuator.reference_name,
-               small=unseen(actuator.actuator), pictures=plots.pictures(drawings(analysis)))
+               small=neglected(actuator.actuator), pictures=plots.pictures(drawings(analysis)))

@@ -17,16 +17,16 @@ from ...simulation import simulate
 from .thesis import linear_model
 
 SIZES = (1.0, 3.0, 10.0, 20.0)  # deg, of the steps
-STOP = 0.6  # s after the step, when the slowest step has settled
-_SETTLE = 2.0  # s, under load before the step
+STOP = 0.6  # s, simulated time after the step; the slowest step has then settled
+_SETTLE = 2.0  # s, simulated time under load before the step
 
 
 @dataclass(frozen=True)
 class StepComparison:
-    """A step of ``size`` [deg, signed] at time 0: each model's change of fin angle [deg] at ``time`` [s].
+    """Changes of the fin angle [deg] at ``time`` [s] after a step of ``size`` [deg, signed], by model.
 
-    ``nonlinear`` is simulated; ``active`` is true while a limit acts. ``thesis`` is None if the thesis's model does not
-    apply.
+    ``nonlinear`` is simulated, and ``active`` is true while a limit acts in this simulation. ``thesis`` is None if the
+    thesis's model does not apply.
     """
 
     size: float
@@ -40,12 +40,12 @@ class StepComparison:
 
     @property
     def difference(self) -> float:
-        """Largest difference between nonlinear and linear angle [% of the step]."""
+        """The largest difference between nonlinear and linear angle [% of the step]."""
         return 100.0 * float(np.max(np.abs(self.nonlinear - self.linear))) / abs(self.size)
 
 
 def compare(values: Mapping[str, Any], linear: LinearActuator, size: float, thesis: bool = True) -> StepComparison:
-    """Compare a step of `size` [deg, signed] from the operating point, also by the thesis's model if `thesis`."""
+    """Compare the models in a step of `size` [deg, signed] from the operating point; `thesis` includes the thesis's."""
     at, period = linear.point.fin_angle, linear.period
     time = np.arange(round(STOP / period) + 1) * period
     command = np.full(len(time), radians(size))
@@ -54,7 +54,7 @@ def compare(values: Mapping[str, Any], linear: LinearActuator, size: float, thes
     lead = round(_SETTLE / period) if torque else 0
     held = np.full(lead + len(time), at)
     stepped = np.concatenate([held[:lead], at + command])
-    # At the step the fin still settles slowly under the load, so the response without step is subtracted.
+    # The fin may still creep under the load at the step: the response without a step is subtracted.
     run, still = (simulate({**values, "fin.start_angle": at}, (len(held) - 1) * period, period, model=linear.model,
                            fin_command=level, aero_torque=torque) for level in (stepped, held))
     nonlinear = np.degrees(run["fin_angle"] - still["fin_angle"])[lead:]
@@ -65,7 +65,7 @@ def compare(values: Mapping[str, Any], linear: LinearActuator, size: float, thes
 
 
 def comparisons(values: Mapping[str, Any], linear: LinearActuator, thesis: bool) -> list[StepComparison]:
-    """Compare steps of SIZES from the operating point: upwards within the range of commands, otherwise downwards."""
+    """Compare the models in steps of SIZES within the range of commands: positive if possible, otherwise negative."""
     at, limit = degrees(linear.point.fin_angle), degrees(values["command.limit"]) * (1.0 + 1e-9)
     signed = [size if at + size <= limit else -size for size in SIZES]
     return [compare(values, linear, size, thesis) for size in signed if abs(at + size) <= limit]

@@ -1,4 +1,4 @@
-"""The thesis's linear model, (2.18)-(2.26), as python-control systems, from `reference.linear`."""
+"""The thesis's linear model, (2.18)-(2.26), of `reference.linear` as python-control systems."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ...reference.linear import LinearModel
 
 
 def linear_model(values: Mapping[str, Any]) -> LinearModel:
-    """Return the model of an actuator with motor, screw and lever; missing parameters have values without effect."""
+    """Return the model of an actuator with motor, screw and lever. Missing parameters have values without effect."""
     return LinearModel(completed(values))
 
 
 def closed(values: Mapping[str, Any]) -> System:
-    """Return the sampled system from the command [rad] on the bus to ``fin_angle`` [rad]."""
+    """Return the sampled closed loop from the command [rad] before the bus to ``fin_angle`` [rad]."""
     model = linear_model(values)
     loop = _system(model, model.update, model.drive, model.output, "command", "fin_angle")
     if not model.latency:
@@ -28,9 +28,9 @@ def closed(values: Mapping[str, Any]) -> System:
 
 
 def reference_loop(values: Mapping[str, Any]) -> System:
-    """Return the loop L (closed by 1 + L) opened at the drive's reference, which `update` has in its last row."""
+    """Return the loop L, opened at the drive's reference; the closed loop has the characteristic equation 1 + L = 0."""
     model = linear_model(values)
-    law = model.update[-1]
+    law = model.update[-1]  # the last state after a sample is the new DAC value
     return -_system(model, model.update - np.outer(model.written, law), model.written, law, "dac", "reference")
 
 
