@@ -72,10 +72,7 @@ def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference
 
 
 def fed_forward(ops: Ops, p: Any, dry: Value, speed_reference: Value) -> Value:
-    """Return the reference [V] against a Coulomb friction `dry` at the motor [N.m].
-
-    It is full from a `speed_reference` of compensation.speed_band [rad/s] on, and proportional to slower ones.
-    """
+    """Return the reference [V] against a friction [N.m] at the motor, in proportion to the speed up to speed_band."""
     per_volt = drive.stall_torque(p, 1.0)
     share = ops.clip(speed_reference / p.compensation.speed_band, -1.0, 1.0)
     return p.compensation.gain / per_volt * dry * share
