@@ -1,4 +1,3 @@
-"use strict";
 /* The actuator: its generated C as WebAssembly, limits and rules of its parameters, and runs. All values are in SI. */
 
 /** A number as text in C's format %.{digits}g. */

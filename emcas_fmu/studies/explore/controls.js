@@ -1,4 +1,3 @@
-"use strict";
 /* The fields of the page: those of the main values, with sliders, and a searchable list of all values. */
 
 /** The range of a slider [SI]: the declared one; up to three times a positive value, except in °C or if the limits are

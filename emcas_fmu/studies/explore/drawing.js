@@ -1,4 +1,3 @@
-"use strict";
 /* A command that the user draws in the plot of the fin angle or writes as points. It is stored as a CSV file. */
 
 const DRAWN = "drawn command";

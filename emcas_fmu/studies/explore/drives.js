@@ -1,4 +1,3 @@
-"use strict";
 /* The drive in the sketch of the mechanism: parts, each with `shapes`, and with `show(row, parameters, highest)`, which
  * moves them to a row of outputs; `highest` is the highest pressure [Pa] of the response. */
 

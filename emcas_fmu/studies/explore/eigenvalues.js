@@ -1,4 +1,3 @@
-"use strict";
 /* Eigenvalues of a real matrix (Golub & Van Loan, "Matrix Computations", sections 7.4 and 7.5). */
 
 /** A similar matrix, scaled by powers of 2 until each row has about the norm of its column. */

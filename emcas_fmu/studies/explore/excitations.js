@@ -1,4 +1,3 @@
-"use strict";
 /* Excitations, columns of inputs over time: a port of motions.py and bench/excitation.py. All values are in SI. */
 
 const STEP = DATA.constants.STEP;

@@ -1,4 +1,3 @@
-"use strict";
 /* Long computations for a setting, which a worker runs: the tests of the requirements, and frequency responses. */
 
 /** The function `respond` that measure.js calls, for a setting with changed parameters. */

@@ -1,4 +1,3 @@
-"use strict";
 /* The actuator linearised at rest at 0, and the margins of its loop broken at the drive's reference: a port of
  * bench/linear, with finite differences of the equations without quantisation. Sampling and delay are exact. */
 

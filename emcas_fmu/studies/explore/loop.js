@@ -1,4 +1,3 @@
-"use strict";
 /* The loops of the cases: Bode and Nichols plots of the open loop with its margins, and poles of the closed loop. */
 
 class LoopPlots {

@@ -1,4 +1,3 @@
-"use strict";
 /* The tests of requirements, a port of bench/measure.py, and their verdicts, a port of bench/verdict.py. SI throughout.
  * The function `respond(excitation, outputs)` returns a run, or null if the run does not reach its end. */
 

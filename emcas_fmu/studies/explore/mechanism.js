@@ -1,4 +1,3 @@
-"use strict";
 /* A sketch of the mechanism at one time of the response: the fin, its command, and its drive. */
 
 const PLAYED = 5; // s, for which a shorter response is played in slow motion; longer ones are played in real time

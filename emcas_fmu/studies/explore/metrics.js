@@ -1,4 +1,3 @@
-"use strict";
 /* The figures of a response that the page shows, a port of bench/metrics.py. All values are in SI. */
 
 const mean = values => values.reduce((sum, x) => sum + x, 0) / values.length;

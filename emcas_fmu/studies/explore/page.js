@@ -1,4 +1,3 @@
-"use strict";
 /* The page: plots and tables of the response to the user's setting (case B, live) and to a kept setting (case A). */
 
 const $ = id => document.getElementById(id);

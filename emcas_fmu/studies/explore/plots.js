@@ -1,4 +1,3 @@
-"use strict";
 /* Plots by uPlot in the page's colours, and shapes that are painted on them. */
 
 const gray = () => css("--gray");
@@ -51,12 +50,6 @@ function band(u, time, command, width) {
         time.forEach((t, k) => ctx.lineTo(x(t), y(command[k] + width)));
         for (let k = time.length - 1; k >= 0; --k) ctx.lineTo(x(time[k]), y(command[k] - width));
     });
-}
-
-/** Shades the gains below `floor` up to the frequency `end`, which miss the required bandwidth. */
-function forbidden(u, end, floor) {
-    filled(u, "--forbidden", (ctx, x, y, {left, top, height}) =>
-        ctx.rect(left, y(floor), x(end) - left, top + height - y(floor)));
 }
 
 /** Paints a ring at a point. */
@@ -225,11 +218,12 @@ const bodePlots = (titles, ofPhase = {}) => titles.map((title, k) => new Plot(ti
     level [value, text] of each plot, and a `required` bandwidth [Hz]. `text` describes both plots in words. */
 function drawBode(plots, levels, responses, text, required) {
     for (const [k, part] of ["gain", "phase"].entries()) {
-        const plot = plots[k], [level, name] = levels[k], wide = required && part === "gain";
-        plot.under = u => wide && forbidden(u, required, level);
+        const plot = plots[k], [level, name] = levels[k], hasLimit = required && part === "gain";
+        plot.under = u => hasLimit && filled(u, "--forbidden", (ctx, x, y, {left, top, height}) =>
+            ctx.rect(left, y(level), x(required) - left, top + height - y(level)));
         plot.over = u => {
             rule(u, "y", level, name);
-            if (wide) rule(u, "x", required, `required ${shownNumber(required)} Hz`);
+            if (hasLimit) rule(u, "x", required, `required ${shownNumber(required)} Hz`);
             for (const {stroke, marks} of responses) {
                 for (const {frequency, [part]: at} of marks) mark(u, frequency, at, stroke());
             }

@@ -1,4 +1,3 @@
-"use strict";
 /* The poles of the closed loop, s/(2 pi) [Hz]. The user moves an unstable pair or the slowest, and two gains are set to
  * place it. */
 

@@ -1,4 +1,3 @@
-"use strict";
 /* The responses of case B, or of the cases A and B, as curves and tables. */
 
 const words = name => name.replace(/_/g, " ").replace(/\b3db\b/, "at −3 dB").replace(/\b90deg\b/, "at −90°");

@@ -1,4 +1,3 @@
-"use strict";
 /* Settings, which contain the values that differ from the page's initial ones, and their links and files. SI. */
 
 const CONSTANT_INPUTS = DATA.inputs.filter(v => !["fin_command", "aero_torque"].includes(v.name));
