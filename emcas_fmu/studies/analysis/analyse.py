@@ -47,9 +47,10 @@ class ClosedLoop:
 
 @dataclass(frozen=True)
 class Analysis:
-    """The results. ``left_out`` has the reasons why SECTIONS are left out: their results are None or empty.
+    """The results; those of a section that is left out are None or empty.
 
-    ``thesis`` is also None if the thesis's model is unstable. ``parameters`` are those without faults and homing.
+    ``left_out`` has the reasons why SECTIONS or hidden modes are omitted. ``thesis`` is also None if the thesis's model
+    is unstable. ``parameters`` are those without faults and homing.
     """
 
     parameters: ParameterSet
