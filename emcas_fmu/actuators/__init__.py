@@ -1,8 +1,8 @@
 """The actuators by name: shipped ones, those of installed packages, and those in a user's file.
 
 A shipped actuator has a module here with its ACTUATOR, a line in `_MODULES`, and a parameter file in
-``models/actuators``. Extensions (:mod:`emcas_fmu.extensions`) extend any actuator that provides the capabilities which
-they need. A name combines both: ``elastic+heat+faults``, ``my_actuator.py+faults``.
+``models/actuators`` (nonlinear: ``models/emcas.toml``). An extension (:mod:`emcas_fmu.extensions`) extends any actuator
+that provides the capabilities that it needs. A model's name combines both: ``elastic+heat``, ``my_actuator.py+faults``.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _MODULES = {
 }
 NAMES = tuple(_MODULES)
 _OVER = {"worm-gear-elastic": "worm-gear"}  # shipped actuators whose parameter file overrides another actuator's
-# In the order in which they extend an actuator.
+# In the order in which an actuator is extended by them.
 EXTENSIONS: tuple[str, ...] = ("stribeck", "lugre", "uneven", "efficiency", "saturation", "inverter", "sensors", "heat",
                                "filters", "homing", "trajectory", "supply", "faults")
 HALVES: tuple[str, ...] = ("controller", "plant")
@@ -59,7 +59,7 @@ def split(name: str) -> tuple[str, list[str]]:
 
 
 def parts(name: str) -> tuple[str, tuple[str, ...]]:
-    """Return the actuator and the extensions, in their order, of a name such as ``elastic+faults+heat``.
+    """Return the actuator and the extensions in a name such as ``elastic+faults+heat``, in the order of EXTENSIONS.
 
     Raises EmcasError for an unknown actuator or extension, and for an extension that appears twice.
     """
@@ -97,8 +97,7 @@ def is_shipped(name: str) -> bool:
 
 
 def is_named(text: str) -> bool:
-    """Return whether a text is the name of an actuator, shipped, installed or in a Python file; extensions may follow.
-    """
+    """Return whether a text names an actuator: shipped, installed or in a Python file, with or without extensions."""
     from . import external
 
     actuator, _ = split(text)
@@ -106,7 +105,7 @@ def is_named(text: str) -> bool:
 
 
 def full_name(name: str) -> str:
-    """Return the unambiguous name of an actuator: a file's absolute path, extensions in their order.
+    """Return the unambiguous name of a model: a file's absolute path, extensions in the order of EXTENSIONS.
 
     Raises EmcasError for an unknown name.
     """
@@ -120,9 +119,9 @@ def with_extension(name: str, extension: str) -> str:
 
 
 def of_fmu(name: str, part: str | None, interface: str) -> str:
-    """Return the name of the actuator in an FMU: `name` with the half that `part` names, or with the torque interface.
+    """Return the name of the model in an FMU: `name` with the half `part`, or with `interface` if it is TORQUE.
 
-    Raises EmcasError for an unknown name or part.
+    Raises EmcasError for an unknown part, and if `name` is extended by a half or TORQUE, for an unknown name.
     """
     if part and part not in HALVES:
         raise EmcasError(f"part {part}: there is {' and '.join(HALVES)}{hint(part, HALVES)}")
@@ -137,7 +136,7 @@ def get(name: str) -> Actuator:
 
 
 def get_extension(name: str) -> Extension:
-    """Return the extension, half or interface with a name that is known."""
+    """Return the extension, half or interface with a `name` in EXTENSIONS or FMU_ONLY."""
     module, attribute = ("halves", name.upper()) if name in HALVES else (name, "EXTENSION")
     extension: Extension = getattr(import_module(f"..extensions.{module}", __name__), attribute)
     return extension
@@ -147,7 +146,7 @@ def get_extension(name: str) -> Extension:
 def _get(name: str, extensions: tuple[str, ...]) -> Actuator:
     if extensions:
         *below, last = extensions
-        return _extended(_get(name, tuple(below)), get_extension(last), name, extensions)
+        return _extended(_get(name, tuple(below)), get_extension(last), _SEPARATOR.join((name, *extensions)))
     if name in _MODULES:
         shipped: Actuator = import_module(f".{_MODULES[name]}", __name__).ACTUATOR
         return shipped
@@ -156,13 +155,13 @@ def _get(name: str, extensions: tuple[str, ...]) -> Actuator:
     return external.load(Path(name)) if name.endswith(".py") else external.installed()[name].load()
 
 
-def _extended(actuator: Actuator, extension: Extension, name: str, extensions: tuple[str, ...]) -> Actuator:
+def _extended(actuator: Actuator, extension: Extension, name: str) -> Actuator:
+    """Return the actuator with an extension, the last one in the model's `name`."""
     for need in extension.needs:
         if need not in actuator.provides and (
-                replacing := [each for each in extensions[:-1] if need in get_extension(each).replaces]):
-            raise EmcasError(f"model {_SEPARATOR.join((name, *extensions))}: {extension.name} needs {need}, which "
-                             f"{replacing[0]} replaces")
-    require(_SEPARATOR.join((name, *extensions)), extension.name, *extension.needs, actuator=actuator)
+                replacing := [each for each in split(name)[1][:-1] if need in get_extension(each).replaces]):
+            raise EmcasError(f"model {name}: {extension.name} needs {need}, which {replacing[0]} replaces")
+    require(name, extension.name, *extension.needs, actuator=actuator)
     return extension.over(actuator)
 
 
@@ -172,14 +171,14 @@ def require(name: str, purpose: str, *needs: str, actuator: Actuator | None = No
     if missing := [need for need in needs if need not in chosen.provides]:
         having = [each for each in NAMES if get(each).provides.issuperset(needs)]
         shown, remedy = missing[:1], f"{chosen.name} has none; choose"
-        if not is_shipped(name):  # the user may add all of them
+        if not is_shipped(name):  # a user can add all of them
             shown, remedy = missing, f"let {chosen.name} provide {_to_declare(chosen, missing)}, or choose"
         choices = " or ".join(filter(None, (", ".join(having[:-1]), *having[-1:])))
         raise EmcasError(f"model {name}: {purpose} needs {', '.join(shown)}; {remedy} {choices}")
 
 
 def _to_declare(actuator: Actuator, needs: Sequence[str]) -> str:
-    """Return the names of capabilities, and those of the variables and states that an actuator must add for them."""
+    """Return, for a message, the capabilities as Python names, and the variables and states that `actuator` lacks."""
     from . import capabilities
 
     constants = {words: key for key, words in vars(capabilities).items() if isinstance(words, str)}

@@ -25,7 +25,7 @@ class Deviation(NamedTuple):
     shifts: tuple[str, ...] = ()
 
     def scaling(self, *names: str) -> Deviation:
-        """Return the deviation, but scaling the parameters with these names."""
+        """Return this deviation with other names of parameters that it scales."""
         return self._replace(scales=names)
 
 
@@ -50,12 +50,11 @@ VISCOUS = _deviation("friction.viscous", -1.0, 10.0, "viscous friction", "fricti
 RATED_FLOW = _deviation("valve.rated_flow", -0.9, 10.0, "the rated flow", "valve.rated_flow")
 
 ENCODER, OFFSET, COMPLIANCE, BACKLASH = IMPERFECTIONS = ("encoder", "drive offset", "compliance", "backlash")
-"""Imperfections of the held fin angle that an accuracy budget names as absent from an actuator without them."""
+"""Imperfections of the held fin angle that an accuracy budget always lists; as absent if the actuator has none."""
 
 
 def plant(*deviations: Deviation) -> Callable[[Ops, Any], Any]:
-    """Return the function of (ops, p) that applies the deviations to nominal parameters and sets the deviations to 0.
-    """
+    """Return the function of (ops, p) that applies the deviations to the nominal parameters and sets them to 0."""
     def as_built(_: Ops, p: Any) -> Any:
         changes: dict[str, Any] = {}
         for variable, scales, shifts in deviations:

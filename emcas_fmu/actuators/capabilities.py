@@ -1,13 +1,13 @@
-"""Capabilities of actuators, each a phrase for messages: extensions and tools name those that they need.
+"""Capabilities of actuators, each a phrase for messages: extensions and tools name the capabilities that they need.
 
-An actuator that provides a capability declares the variables and states that it implies. Some capabilities also imply
-parameters of shared equations (:mod:`emcas_fmu.physics`), which are declared or returned by ``equation_parameters``.
+An actuator that provides a capability declares the variables and states below. Some capabilities also need parameters
+of shared equations (:mod:`emcas_fmu.physics`), which the actuator declares or its ``equation_parameters`` return.
 """
 
 from __future__ import annotations
 
 NEEDED_VARIABLES: dict[str, tuple[str, ...]] = {}
-"""For every capability the inputs, outputs, parameters and start values that an actuator with it declares."""
+"""For every capability the inputs, outputs and entries of the parameter file that an actuator with it declares."""
 NEEDED_STATES: dict[str, tuple[str, ...]] = {}
 """For every capability the states that an actuator with it declares."""
 NEEDED_PARAMETERS: dict[str, tuple[str, ...]] = {}

@@ -22,7 +22,7 @@ Change = Callable[[Ops, Any], Any]
 class Output(NamedTuple):
     """An output and its equation, a function of ops, the parameters as built and :attr:`Composition.moment`.
 
-    Without an equation the output is the value with its name in the moment or, if there is none, the state.
+    Without an equation the output is the value of its name in the moment or, if the moment has none, the state.
     """
 
     variable: Variable
@@ -41,8 +41,8 @@ class Group:
     """Parameters, rules, outputs and capabilities that an actuator has or lacks together.
 
     An actuator without the group may use the same equations: the group's parameters then have the values in `absent` or
-    in :data:`.shared.WITHOUT_EFFECT`, its `deviations` are 0. `imperfections` are those of :class:`.Actuator`.
-    `terminal` is the name of the outputs' terminal; empty for none.
+    in :data:`.shared.WITHOUT_EFFECT`, and its `deviations` are 0. `imperfections` have the form of those of an
+    :class:`.Actuator`. `terminal` is the name of the outputs' terminal; empty for none.
     """
 
     parameters: tuple[Variable, ...] = ()
@@ -55,9 +55,9 @@ class Group:
     imperfections: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def reworded(self, words: Mapping[str, str], sheets: Mapping[str, str] | None = None) -> Group:
-        """Return the group with `words` replaced in the descriptions of its variables, and `sheets` in their sheets.
+        """Return the group with texts replaced in its variables' descriptions (`words`) and sheets (`sheets`).
 
-        The keys are the texts to be replaced.
+        Each mapping has the old text as key and the new one as value.
         """
         def changed(v: Variable) -> Variable:
             return replace(v, description=_replaced(v.description, words), sheet=_replaced(v.sheet, sheets or {}))
@@ -72,7 +72,7 @@ def _replaced(text: str, words: Mapping[str, str]) -> str:
 
 def port(parameters: tuple[Variable, ...] = fin_port.PARAMETERS, rate: fin_port.Equation = lambda ops, p, m: m.rate,
          **descriptions: str) -> Group:
-    """Return the fin port; `rate` is the equation of fin_rate, `descriptions` replaces those of the named outputs.
+    """Return the group of the fin port; `rate` is the equation of fin_rate, `descriptions` describe outputs by name.
 
     The equations use the moment of :data:`.fin_port.EQUATIONS`.
     """
@@ -82,10 +82,7 @@ def port(parameters: tuple[Variable, ...] = fin_port.PARAMETERS, rate: fin_port.
 
 
 def _sorted_by(name: Callable[[Any], str], items: Iterable[Any], order: tuple[str, ...]) -> tuple[Any, ...]:
-    """Return items in the `order` of the prefixes with which their names begin, those without a prefix last.
-
-    Items with the same prefix keep their sequence.
-    """
+    """Return items sorted by the first prefix in `order` with which their names begin; without one they come last."""
     def index(item: Any) -> int:
         return next((i for i, prefix in enumerate(order) if name(item).startswith(prefix)), len(order))
 
@@ -97,8 +94,8 @@ class Composition:
     """The groups of an actuator, and the function that computes the values from which their outputs follow.
 
     `moment(ops, p, x, u)` returns the parameters as built, and the values that the equations of the outputs use, at
-    states `x` and plant inputs `u`. The orders are prefixes of names: variables that match none come last, by group,
-    deviations after the other parameters. Rules are in the order of the groups.
+    states `x` and plant inputs `u`. The orders are prefixes of names. Variables that match none come last, in the order
+    of the groups, and deviations after the other parameters. Rules are in the order of the groups.
     """
 
     groups: tuple[Group, ...]
@@ -133,19 +130,20 @@ class Composition:
         return {out.variable.name: out.of(ops, p, now) for out in self._outputs}
 
     def completed(self, p: Any, optional: tuple[Group, ...]) -> Any:
-        """Return parameters `p`, with the values for the absence of those `optional` groups that are not declared."""
+        """Return `p`, with values without effect for the parameters of `optional` groups that are not declared here."""
         declared = {v.name.partition("[")[0] for v in self.parameters}
         absent: dict[str, Any] = {}
         for group in optional:
-            names = dict.fromkeys(v.name.partition("[")[0] for v in group.parameters)
+            names = {v.name.partition("[")[0] for v in group.parameters}
             absent |= {deviation.variable.name: 0.0 for deviation in group.deviations}
-            absent |= {name: WITHOUT_EFFECT[name] for name in names if name in WITHOUT_EFFECT} | dict(group.absent)
+            absent |= {name: value for name, value in WITHOUT_EFFECT.items() if name in names} | dict(group.absent)
         return with_values(p, {name: value for name, value in absent.items() if name not in declared})
 
     def declared(self, rules: tuple[Rule, ...] = (), **terminals: str) -> dict[str, Any]:
         """Return the fields of an actuator's declaration that follow from its groups; `rules` are added to theirs.
 
-        `terminals` are descriptions by name, by default that of the terminal `motor` alone.
+        `terminals` are descriptions of terminals by name, by default of `motor` alone; a terminal without outputs is
+        left out.
         """
         def members(terminal: str) -> tuple[str, ...]:
             connected = {out.variable for group in self.groups if group.terminal == terminal for out in group.outputs}
@@ -166,8 +164,8 @@ class Composition:
     def over(self, base: Actuator, change: Change, rules: tuple[Rule, ...] = (), **fields: Any) -> Actuator:
         """Return an actuator of these groups with the equations of `base`, for the parameters that `change` returns.
 
-        `rules` are added to those of the groups. `fields` are other fields of the declaration, used unchanged: `change`
-        is not applied to the parameters of equations among them.
+        `rules` are added to those of the groups. `fields` are other fields of the declaration; to equations among them
+        `change` is not applied.
         """
         equations = {name: getattr(base, name) for name in ("initial", "sample", "derivatives", "step", "feed_forward")}
         equations["output_values"] = self.output_values

@@ -4,20 +4,21 @@ The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``,
 (``p.motor.resistance``), and named values; all in SI units.
 
     initial(ops, p, start)       states at rest at ``start.fin_angle`` [rad], with ``start.encoder_offset`` [counts].
-                                 Without a `step` it may have a fourth argument ``u``, the inputs at the start
+                                 Without a `step`, it may have a fourth argument ``u``, the inputs at the start
     sample(ops, p, x, inputs)    reference and states of the controllers, every controller.sample_time
     step(ops, p, x, u, h)        the plant's states after `h` [s] or at the first event, and the time until then; or
     derivatives(ops, p, x, u)    d/dt of the states. Without a `step` they are integrated with the `discontinuities`
-                                 (:mod:`emcas_fmu.steppers.discontinuities`); if angle and rate of the fin are states,
-                                 its stop is added. Linear analysis also uses them
+                                 (:mod:`emcas_fmu.steppers.discontinuities`); if fin_angle and fin_rate are states,
+                                 the fin's stop is added. Linear analysis also uses the derivatives
                                  (:mod:`emcas_fmu.bench.linear.actuator`): beside a `step` they describe the enabled
                                  actuator without dry friction, gaps and events
-    output_values(ops, p, x, u)  every output; those of the port may be left out
+    output_values(ops, p, x, u)  every output; if fin_angle and fin_rate are states, the port's may be left out
 
 ``x`` has the states by name, ``u`` the inputs of the plant, which are constant during a step (:class:`PlantInputs`).
-The functions return a mapping of names to values; all but `output_values` may leave out values that do not change (in
-`initial`, values of 0). Their results depend on their arguments alone: functions in a user's file are traced twice, and
-both results are compared.
+The functions return a mapping of names to values. `sample` must return ``reference``, `derivatives` without a `step`
+every state. Other values may be left out. States then do not change (in `initial` and `derivatives`: are 0);
+``measured_fin_angle`` is then the position that the sample read, and ``limited`` is 0. Results depend on the arguments
+alone: functions in a user's file are traced twice, and both results are compared.
 """
 
 from __future__ import annotations
@@ -86,34 +87,34 @@ def _rounded_up(limit: float) -> float:
 class Actuator:
     """An actuator behind the fin port (:mod:`emcas_fmu.actuators.fin_port`).
 
-    Only name, title, states and derivatives, or a step, must be set. Raises EmcasError if the fields do not fit
+    Only name, title, states, and derivatives or a step must be set. Raises EmcasError if the fields do not fit
     together. The module's docstring describes the functions.
 
-    - ``name``, ``title``, ``origin``: the name is part of the FMU's name; the origin says in sentences where the
-      equations come from
+    - ``name``, ``title``, ``origin``: the name is part of the FMU's name; the origin is the source of the equations, in
+      sentences
     - ``states``: changed by steps; ``controller_states``: changed by samples, and used by samples only;
       ``sampled_states``: set by samples, used by all equations
-    - ``encoder``: the states of angle and speed that the sensors read; ``fin_side``: those of the fin, referred to the
-      motor, behind an elastic drive line: an encoder on the fin (encoder.on_fin) reads this angle
+    - ``encoder``: the states of angle and speed that the sensors read; ``fin_side``: the states of the fin's angle and
+      speed, referred to the motor, behind an elastic drive line; an encoder on the fin (encoder.on_fin) reads the angle
     - ``controllers_read``: the states that samples read in addition to the position, and "supply"; None: every state
     - ``reference_output``: name of the output that is the reference of the last sample
-    - ``outputs``, ``parameters``: in the order of the interface; those of the port that are not listed come first, the
+    - ``outputs``, ``parameters``: in the order of the interface; unless listed, those of the port come first, the
       supply's power last
     - ``further_inputs``: inputs in addition to the port's: a Boolean is used by samples, a Real by all equations
-    - ``supply``: what feeds the actuator; ``terminals``: groups of variables; ``descriptions``: by name, those of
-      inputs of the port that have another meaning here
+    - ``supply``: what feeds the actuator; ``terminals``: groups of variables; ``descriptions``: descriptions of inputs
+      by name, which replace those of the port and the supply
     - ``rules``: rules in addition to the port's; ``supply_rules``: warnings that need start values of inputs, checked
       when a set of parameters is loaded
     - ``equal_parameters``: pairs of parameters that are equal in SI units: one follows from the other
     - ``files``: parameter files with the defaults, later ones override earlier ones; ``values``: defaults by name,
-      which the files override, as a file contains them: "0.5 mH", or a mapping of value, unit, source and note; a
+      which the files override, each in the form of a file: "0.5 mH", or a mapping of value, unit, source and note; a
       value without source is an estimate
     - ``initial``, ``sample``, ``derivatives``, ``discontinuities``, ``step``, ``output_values``: the equations
     - ``structure``: the variant of the shared equations; ``equation_parameters(ops, p)``: their parameters, by default
       with values without effect for those that are not declared (:mod:`emcas_fmu.actuators.shared`)
     - ``as_built(ops, p)``: the plant's parameters, from those that the controllers know; ``nominal``: the values of the
       deviations for which both are equal
-    - ``imperfections``: of the held fin angle, such as "backlash"; each with its parameters' values [SI] without it
+    - ``imperfections``: of the held fin angle, such as "backlash"; for each the values [SI] of parameters without it
     - ``longest_tick(ops, p)``: largest internal tick [s]; ``tick_remedy``: how a user makes it longer;
       ``transport_delay(ops, p)``: time [s] from a sample to the drive
     - ``feed_forward(ops, p, motion, memory)``: the feed-forward of a motion of the fin (:class:`Motion`, :class:`Ahead`
@@ -121,7 +122,8 @@ class Actuator:
     - ``faults``: faults of this actuator, which the extension `faults` offers in addition to the general faults
     - ``provides``: capabilities that extensions and tools need (:mod:`emcas_fmu.actuators.capabilities`)
     - ``reference``: an independent integration: a Python file or a module's name, with `simulate(parameters, inputs)`
-    - ``hidden``: inputs of the port that a half of an actuator lacks; with them it lacks outputs of the port
+    - ``hidden``: inputs of the port that a half, or an actuator with the torque interface, lacks; it may also lack
+      outputs of the port
     - ``modules``: modules whose docstrings describe the equations; ``source``: the user's file; ``begun(ops, p, x,
       u)``: the states, before the first step those that follow from inputs. A user's actuator leaves all three out
     """
@@ -174,14 +176,14 @@ class Actuator:
         check_lists(self)
         check_functions(self)
         outputs = () if self.hidden else fin_port.OUTPUTS
-        for kind, port in (("outputs", outputs), ("parameters", fin_port.PARAMETERS)):
-            listed = getattr(self, kind)
+        for attribute, port in (("outputs", outputs), ("parameters", fin_port.PARAMETERS)):
+            listed = getattr(self, attribute)
             names = {v.name: v for v in listed}
             for v in port:
                 if (other := names.get(v.name, v)).kind != v.kind or other.unit != v.unit:
                     raise EmcasError(f"actuator {self.name}: {v.name} of the fin port is {v.kind} [{v.unit}], not "
                                      f"{other.kind} [{other.unit}]; leave yours out, or rename it")
-            object.__setattr__(self, kind, (*(v for v in port if v.name not in names), *listed))
+            object.__setattr__(self, attribute, (*(v for v in port if v.name not in names), *listed))
         if self.supply is not None:
             object.__setattr__(self, "outputs", with_outputs(self.outputs, (self.supply.power,)))
         if self.step is _no_step:
@@ -192,27 +194,27 @@ class Actuator:
                              "`initial` have no effect; leave out the step, or these")
         elif not self.hidden and not hasattr(self.output_values, "__wrapped__"):
             object.__setattr__(self, "output_values", _with_port(self.output_values))
-        declared = (s for s in self.controller_states if s not in _BUS)  # replace() passes them again
-        object.__setattr__(self, "controller_states", (*declared, *_BUS))
+        controllers = (s for s in self.controller_states if s not in _BUS)  # replace() passes those of the bus, too
+        object.__setattr__(self, "controller_states", (*controllers, *_BUS))
         # Inputs of the plant first, as the core expects.
         object.__setattr__(self, "further_inputs", tuple(sorted(self.further_inputs, key=lambda v: v.kind != "Real")))
         functions = positional.functions(self)
-        arguments = [name for _, names, _ in functions for name in names]
+        all_names = dict.fromkeys(name for _, names, _ in functions for name in names)
         if repeated := [name for _, names, _ in functions for name in names if names.count(name) > 1]:
-            raise EmcasError(f"actuator {self.name}: {repeated[0]} is the name of two things; give each of these "
-                             f"another name: {', '.join(dict.fromkeys(arguments))}")
+            raise EmcasError(f"actuator {self.name}: {repeated[0]} is the name of two things; give one of them a "
+                             f"name other than {', '.join(all_names)}")
+        if isinstance(self.equation_parameters, AsDeclared):
+            declared = AsDeclared((v.name for v in self.parameters), self.provides, self.structure.current == "loop")
+            object.__setattr__(self, "equation_parameters", declared)
         self._check_interface()
         check_names(self.name, self.faults)
         check_imperfections(self)
 
     def _check_interface(self) -> None:
-        sensed = (*self.encoder, *(self.fin_side or ()))
-        if missing := [name for name in sensed if name not in {s.name for s in self.states}]:
+        read = (*self.encoder, *(self.fin_side or ()))
+        if missing := [name for name in read if name not in {s.name for s in self.states}]:
             raise EmcasError(f"actuator {self.name}: there is no state {missing[0]}; the sensors read fin_angle and "
                              "fin_rate, or the states of angle and speed that encoder=(..., ...) names")
-        if isinstance(self.equation_parameters, AsDeclared):
-            declared = AsDeclared((v.name for v in self.parameters), self.provides, self.structure.current == "loop")
-            object.__setattr__(self, "equation_parameters", declared)
         count = Counter(v.name for v in (*self.inputs, *self.outputs, *self.parameters))
         if twice := [name for name, times in count.items() if times > 1]:
             raise EmcasError(f"actuator {self.name}: {twice[0]} is declared twice; give inputs, outputs and parameters "
@@ -254,7 +256,7 @@ class Actuator:
 
     @cached_property
     def limited_outputs(self) -> tuple[Variable, ...]:
-        """The outputs with the limits that follow from the limits of parameters, which a host may change."""
+        """The outputs, with limits that hold for all parameters within their limits, as a host may change them."""
         most = {v.name: v.maximum for v in self.parameters}
 
         def limited(v: Variable) -> Variable:
@@ -267,7 +269,7 @@ class Actuator:
 
     @cached_property
     def acting_inputs(self) -> tuple[Variable, ...]:
-        """The additional inputs that all equations use, also steps and outputs."""
+        """The additional inputs that all equations use, not only samples."""
         return tuple(v for v in self.further_inputs if v.kind == "Real")
 
     @cached_property
@@ -314,7 +316,7 @@ class Actuator:
         return tuple(s.name for s in (*self.states, *self.controller_states, *self.sampled_states))
 
     def position(self, ops: Ops, p: Parameters, x: Record) -> Value:
-        """Return the angle [rad], a state, that the encoder of position reads."""
+        """Return the state [rad] that the encoder of position reads."""
         angle = getattr(x, self.encoder[0])
         return angle if self.fin_side is None else ops.where(p.encoder.on_fin, getattr(x, self.fin_side[0]), angle)
 
@@ -350,6 +352,6 @@ class Actuator:
         return {**dict.fromkeys(names, 0.0), **complete(self.derivatives, self.derivatives(ops, p, x, u), (), names)}
 
     def plant_outputs(self, ops: Ops, p: Parameters, x: Record, u: PlantInputs) -> Values:
-        """Return every output by name, in SI, for a command and results of the last sample of 0."""
+        """Return every output by name, in SI, with the command and the results of the last sample set to 0."""
         unsampled = dict.fromkeys(("command", "sampled_reference", "measured_fin_angle", "limited"), 0.0)
         return self.output_values(ops, p, x, PlantInputs(**{**vars(u), **unsampled}))

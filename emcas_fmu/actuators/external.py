@@ -25,11 +25,11 @@ from .declaration import Actuator
 
 GROUP = "emcas.actuators"
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_-]*")
-_TURN = radians(360.1)
-# Longest time [s] for importing a file, and for calling one of its functions with symbols; a second is usually enough.
+_TURN = radians(360.1)  # a limit above a full turn looks like degrees
+# Longest time [s] for importing a file, or for calling one of its functions with symbols; usually less than a second.
 LONGEST = 60.0
-# Remedies for errors of Python and NumPy about a traced value; a pattern is searched in the message, " | " and the line
-# of the file.
+# Remedies for errors of Python and NumPy about a traced value. Each pattern is searched in "MESSAGE | LINE", where LINE
+# is the line of the user's file.
 _REMEDIES = tuple((re.compile(pattern), remedy) for pattern, remedy in (
     (r"operand type\(s\) for %", "write x - y * ops.floor(x / y)"),
     (r"operand type\(s\) for //", "write ops.floor(x / y)"),
@@ -65,7 +65,7 @@ def load_module(path: Path) -> ModuleType:
     if spec is None or spec.loader is None:
         raise EmcasError(f"{path}: cannot be imported")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name], before = module, set(sys.modules)
+    sys.modules[name], imported_before = module, set(sys.modules)
     sys.path.insert(0, str(path.parent))
     try:
         with bounded(LONGEST):
@@ -76,7 +76,7 @@ def load_module(path: Path) -> ModuleType:
     finally:
         sys.path.remove(str(path.parent))
         # The next file may import another module of the same name from its folder.
-        for other in set(sys.modules) - before:
+        for other in set(sys.modules) - imported_before:
             if Path(getattr(sys.modules[other], "__file__", None) or "").parent == path.parent:
                 del sys.modules[other]
     return module
@@ -85,8 +85,8 @@ def load_module(path: Path) -> ModuleType:
 def load(path: Path) -> Actuator:
     """Return the actuator that a Python file declares as ACTUATOR.
 
-    Its parameter file is the one of the same name with the ending .toml, unless it declares others. Raises EmcasError
-    with file and line if the file cannot be used.
+    Unless it declares parameter files, it has the one beside the Python file with the same name and the ending .toml,
+    if there is one. Raises EmcasError with file and line if the file cannot be used.
     """
     if not path.is_file():
         raise EmcasError(f"{path}: there is no such file; a model is an actuator's name, or a Python file that defines "
@@ -95,12 +95,12 @@ def load(path: Path) -> Actuator:
     actuator = getattr(module, "ACTUATOR", None)
     if not isinstance(actuator, Actuator):
         raise EmcasError(f"{path}: defines no ACTUATOR; end it with ACTUATOR = Actuator(name=..., ...)")
-    beside = path.with_suffix(".toml")
+    parameter_file = path.with_suffix(".toml")
     _check_name(actuator, path)
     reference = actuator.reference
     if isinstance(reference, str) and reference.endswith(".py"):
         reference = path.parent / reference
-    files = actuator.files or ((beside,) if beside.is_file() else ())
+    files = actuator.files or ((parameter_file,) if parameter_file.is_file() else ())
     chosen = replace(actuator, files=files, modules=actuator.modules or (module,), reference=reference, source=path)
     _check_units(chosen, path)
     return chosen
@@ -135,7 +135,7 @@ def _check_units(actuator: Actuator, source: Path) -> None:
 
 
 def of_function(actuator: Actuator, name: str) -> str:
-    """Return the location of the user's function behind the traced function `name`; the file's path if it has none."""
+    """Return the location of the user's function that the traced function `name` calls; without one the file's path."""
     behind: dict[str, tuple[Callable[..., Any] | None, ...]] = {
         "initial": (actuator.initial,), "sample": (actuator.sample,), "outputs": (actuator.output_values,),
         "step": (actuator.derivatives, actuator.step)}
@@ -144,7 +144,7 @@ def of_function(actuator: Actuator, name: str) -> str:
 
 
 def refusal(error: BaseException, path: Path) -> EmcasError:
-    """Return an EmcasError with file, line and, if known, remedy for an error in a user's file or modules beside it."""
+    """Return the EmcasError for an `error` in a user's file or a module beside it: file, line and, if known, remedy."""
     frames = [each for each in traceback.extract_tb(error.__traceback__) if Path(each.filename).parent == path.parent]
     file, number, line = (frames[-1].filename, frames[-1].lineno, frames[-1].line) if frames else (path, None, "")
     if isinstance(error, SyntaxError) and error.filename == str(path):

@@ -64,12 +64,11 @@ OUTPUTS = (FIN_ANGLE, FIN_RATE, HINGE_TORQUE, TRACKING_ERROR, MEASURED_FIN_ANGLE
 
 
 def described(descriptions: Mapping[str, str], outputs: tuple[Variable, ...] = OUTPUTS) -> tuple[Variable, ...]:
-    """Return `outputs`, by default the port's; `descriptions` replaces those of the named outputs."""
+    """Return `outputs`, by default the port's, with `descriptions` by name instead of their own."""
     return tuple(replace(v, description=descriptions.get(v.name, v.description)) for v in outputs)
 
 
 # -- parameters --------------------------------------------------------------------
-
 
 _PARTS = (("fin", "fin"), ("shaft", "fin shaft"), ("fork", "fork"))
 TURNING = (
@@ -82,8 +81,7 @@ TURNING = (
                 sheet=f"drawing: centre of mass of the {part} from the hinge")
       for part, name in _PARTS for axis in ("x", "z")),
 )
-"""Parameters of the parts that turn about the hinge; in a user's actuator they default to 0, but not the fin's inertia.
-"""
+"""Parameters of the parts that turn about the hinge; in a user's actuator all but inertia.fin default to 0."""
 SAMPLE_TIME = parameter("controller.sample_time", "s", 5e-5, 0.1, "sample time of the digital controllers",
                         sheet="controller: sample time (cycle time)", display="ms")
 PARAMETERS = (
@@ -120,7 +118,7 @@ TERMINALS = (
 
 _AT = 1.0 - 1e-12  # share of the stop angle from which the fin is at the stop, despite rounding
 LONGEST_DELAY = 64  # longest transport delay in sample times
-MOST_TICKS = 20_000  # ticks in a sample time; more would take seconds to compute
+MOST_TICKS = 20_000  # largest number of ticks in a sample time; more would take seconds to compute
 
 
 def max_tick(ops: Ops, p: Any) -> Value:
@@ -150,7 +148,7 @@ EQUATIONS: Mapping[str, Equation] = {
     "saturated": lambda ops, p, m: m.limited,
     "at_stop": lambda ops, p, m: ops.fabs(m.fin) >= stop_edge(p),
 }
-"""The equations of OUTPUTS at a moment: `fin` [rad], `rate` [rad/s], `hinge_torque` [N.m], `limited`, inputs `u`."""
+"""The equations of OUTPUTS, from a moment: `fin` [rad], `rate` [rad/s], `hinge_torque` [N.m], `limited`, inputs `u`."""
 
 
 def at_fin(ops: Ops, p: Any, x: Record, u: Record, limited: Value, **further: Value) -> Record:
@@ -206,8 +204,8 @@ def _travel(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, limit > stop * (1.0 + SLACK)), stop, in_degrees(stop), limit, in_degrees(limit)
 
 
-# Least distance of the stop from command.limit, as a share of command.limit: Table 2's accuracy over its range. A
-# nearer stop hides an overshoot that matters.
+# Smallest distance of the stop from command.limit, as a share of command.limit: accuracy over range in the thesis's
+# Table 2. A nearer stop hides an overshoot that matters.
 LEAST_ROOM = 0.01
 
 
@@ -235,7 +233,7 @@ RULES = (_travel, _room, _start, _latency)
 
 
 def schedule_rules(tick: Any, delay: Any, tick_remedy: str) -> tuple[Rule, ...]:
-    """Return the rules for sampling, from functions that return an actuator's longest tick [s] and its delay [s].
+    """Return the rules for the sample time; `tick` and `delay` return the longest tick and the transport delay [s].
 
     `delay` is None for an actuator without a delay; `tick_remedy` says how a user makes the tick longer.
     """
@@ -244,9 +242,9 @@ def schedule_rules(tick: Any, delay: Any, tick_remedy: str) -> tuple[Rule, ...]:
     @rule(f"{name} = %.6g s must be at least 0, and at most {LONGEST_DELAY} times "
           "controller.sample_time = %.6g s")
     def delayed(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-        lasts, period = delay(ops, p), p.controller.sample_time
-        fits = ops.both(lasts >= 0.0, lasts <= LONGEST_DELAY * period * (1.0 + SLACK))
-        return when(ops, ops.negate(fits)), lasts, period
+        duration, period = delay(ops, p), p.controller.sample_time
+        fits = ops.both(duration >= 0.0, duration <= LONGEST_DELAY * period * (1.0 + SLACK))
+        return when(ops, ops.negate(fits)), duration, period
 
     @rule(f"controller.sample_time = %.6g s needs more than {MOST_TICKS} ticks of %.6g s; {tick_remedy}, or lower "
           "controller.sample_time")

@@ -1,7 +1,7 @@
 """The supplies that several fins may share: a voltage bus, or a pressure line.
 
-The last parameter of a line is its update time: once in this time its states are stepped, between two steps they are
-constant. If the first parameter is 0, the line is stiff: each fin has the source's voltage or pressure.
+The last parameter of a line is its update time: at this interval its states are updated. If the first parameter is 0,
+the line is stiff: each fin has the source's voltage or pressure.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class Line:
     """A kind of line: its parameters, outputs and equations for several actuators.
 
     `level(ops, source, *states)` returns the voltage [V] or pressure [Pa] at the actuators; `following(ops, p, source,
-    states, drawn, mean, inverse_inductance)` returns the states after a step. `p` are the parameters of the group,
-    `drawn` is the current [A] or flow [m3/s] of all actuators from now on, `mean` its mean since the last step (equal
-    to `drawn` unless actuators have a `course`), `inverse_inductance` the sum of :meth:`Supply.within` [1/H].
+    states, flow, mean, inverse_inductance)` returns the states after an update. `p` are the parameters of the group,
+    `flow` is the current [A] or flow [m3/s] to all actuators from now on, `mean` its mean since the last update (equal
+    to `flow` unless actuators have a `course`), `inverse_inductance` the sum of :meth:`Supply.within` [1/H].
     """
 
     name: str  # in messages
@@ -42,29 +42,28 @@ class Line:
     values: Mapping[str, float]  # defaults of the parameters
     states: tuple[str, ...]
     start: Callable[[Ops, Any], tuple[Value, ...]]  # start values of the states, from the parameters of the group
-    sags: bool  # whether the level is the source's minus the first state, so that it follows a ramp of the source
+    sags: bool  # whether the level is the source's minus the first state, and follows a ramp of the source
     level: Callable[..., Value]
     following: Callable[[Ops, Any, Value, Sequence[Value], Value, Value, Value], tuple[Value, ...]]
     equations: ModuleType
     rules: tuple[Rule, ...] = ()  # for its parameters
 
     def broken_rules(self, values: Mapping[str, float], warnings: bool = False) -> list[str]:
-        """Return a message for each broken rule that refuses or, with `warnings`, only warns.
+        """Return a message for each broken rule that refuses parameters, or with `warnings` for each that only warns.
 
-        Parameters that are not in `values` have their defaults; all values must be within their limits.
+        Parameters that are not in `values` [SI] have their defaults; all values must be within their limits.
         """
         p = namespace({**self.values, **values})
         return check_rules([(partial(one.check, FLOATS, p), *one[1:]) for one in self.rules], warnings)
 
 
 def drawn(ops: Ops, power: Value, level: Value) -> Value:
-    """Return the current [A] or flow [m3/s] that supplies a power [W] at a `level` [V or Pa]; 0 at a level of 0."""
+    """Return the current [A] or flow [m3/s] of a power [W] at a `level` [V or Pa]; 0 unless the level is above 0."""
     return ops.branch(level > 0.0, lambda: (power / level,), lambda: (0.0,))[0]
 
 
 @rule("bus.charge_used = %.6g A.s must be at most bus.charge = %.6g A.s")
 def used_within_charge(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    """The battery cannot have lost more than its charge; 0 is an unlimited battery."""
     charge, used = p.bus.charge, p.bus.charge_used
     return when(ops, ops.both(charge > 0.0, used > charge * (1.0 + SLACK))), used, charge
 
@@ -72,7 +71,6 @@ def used_within_charge(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 @rule("bus.charge = %.6g A.s and bus.capacitance = %.6g F have no effect at bus.source_resistance = 0: raise this "
       "resistance", warning=True)
 def fed_through_resistance(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    """A stiff bus has the source's voltage: battery and link have no effect."""
     charge, capacitance = p.bus.charge, p.bus.capacitance
     unused = ops.both(p.bus.source_resistance <= 0.0, charge + capacitance > 0.0)
     return when(ops, unused), charge, capacitance
@@ -103,7 +101,7 @@ BUS = Line(
                   "voltage of the DC link above which its brake chopper conducts (1e5: never)"),
         parameter("bus.chopper_resistance", "Ohm", 1e-3, 1e6, "resistance of the brake chopper"),
         parameter("bus.update_time", "s", 1e-5, 1e-2, "interval between two updates of the bus voltage", display="ms")),
-    # All but the resistance of 0 are estimates.
+    # The values that do not leave a part out are estimates.
     values={"bus.source_resistance": 0.0, "bus.charge": 0.0, "bus.charge_used": 0.0, "bus.polarisation": 0.5,
             "bus.capacitance": 0.0, "bus.chopper_voltage": 1e5, "bus.chopper_resistance": 1.0, "bus.update_time": 1e-4},
     states=("sag", "link", "drawn"),
@@ -155,13 +153,14 @@ class Supply:
     """Supply of an actuator: its input, its power, and the actuator's load on a line that feeds several fins.
 
     The unit of `input` chooses the kind of line (:data:`LINES`); `power` is the output of the power [W] from the line.
-    For a bus, `inverse_inductance(ops, p)` returns 1/L [1/H] of the circuit at the bus voltage, 0 if the current
-    follows the voltage at once; with a third argument `interval` [s] it returns the effective value within that time.
-    An actuator that stores charge has a `course(ops, p, x, current, before, interval)`. It returns the charge [A.s]
-    consumed from the start to the states `x`, and the mean current [A] of the next interval at the same voltage, from
-    the `current` now and the charge `before`, an interval ago.
+    For a bus, `inverse_inductance(ops, p)` returns 1/L [1/H] of the circuit at the bus voltage, 0 without inductance;
+    with a third argument `interval` [s] it returns the effective value within that time. An actuator that stores charge
+    has a `course(ops, p, x, current, before, interval)`. It returns the charge [A.s] consumed from the start to the
+    states `x`, and the mean current [A] of the next interval [s] at the same voltage; `current` [A] is the present
+    one, `before` the charge [A.s] an interval ago.
 
-    Raises EmcasError for another unit, another name of the power, or other arguments.
+    Raises EmcasError if the input is not in V or Pa, the power is not supply_power [W], or inverse_inductance has
+    other arguments.
     """
 
     input: Variable
@@ -198,10 +197,10 @@ class Supply:
 
     def within(self, ops: Ops, p: Any, interval: Value) -> Value:
         """Return the effective 1/L [1/H] of the actuator's circuit within an interval [s]."""
-        within = (interval,) if len(signature(self.inverse_inductance).parameters) == 3 else ()
-        return self.inverse_inductance(ops, p, *within)
+        third = (interval,) if len(signature(self.inverse_inductance).parameters) == 3 else ()
+        return self.inverse_inductance(ops, p, *third)
 
     @property
     def line(self) -> Line:
-        """The kind of line."""
+        """The kind of line that can feed several fins."""
         return LINES[self.input.unit]

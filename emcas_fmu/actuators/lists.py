@@ -15,23 +15,24 @@ _ARGUMENTS = {"sample": "ops, p, x, inputs", "derivatives": "ops, p, x, u", "ste
 
 
 def check_lists(actuator: Any) -> None:
-    """Raise EmcasError for a field of a declaration that is an entry instead of a list, or has a list as an entry.
+    """Raise EmcasError if a list of a declaration is a single entry, or has a list as an entry.
 
-    A comma or a * was forgotten: FIN and an array of parameters are tuples. Entries may be named tuples.
+    A comma was forgotten, or a * before a tuple such as FIN or an array of parameters. Entries may be named tuples.
     """
     for field in fields(actuator):
         annotation, entries = str(field.type), getattr(actuator, field.name)
-        if annotation.endswith(", ...]") and type(entries) not in (tuple, list):
+        if not annotation.endswith(", ...]"):
+            continue
+        if type(entries) not in (tuple, list):
             raise EmcasError(f"actuator {actuator.name}: {field.name} is not a list; write a comma after a single "
                              f"entry, {field.name}=(...,)")
-        nested = "tuple[tuple" in annotation
-        if annotation.endswith(", ...]") and not nested and any(type(each) is tuple for each in entries):
+        if "tuple[tuple" not in annotation and any(type(each) is tuple for each in entries):
             raise EmcasError(f"actuator {actuator.name}: an entry of {field.name} is a list; write * before it, as in "
                              "*em.FIN and *em.array(...)")
 
 
 def check_functions(actuator: Any) -> None:
-    """Raise EmcasError for a function of a declaration that cannot be called with the arguments that it will get."""
+    """Raise EmcasError for a function of a declaration with other arguments than those with which it is called."""
     for name, arguments in _ARGUMENTS.items():
         if (function := getattr(actuator, name)) is not None:
             check_arguments(f"actuator {actuator.name}", function, arguments)
@@ -42,7 +43,7 @@ def check_functions(actuator: Any) -> None:
 
 
 def check_arguments(owner: str, function: Callable[..., Any], arguments: str) -> None:
-    """Raise EmcasError for a function that cannot be called with `arguments`, names that are separated by commas."""
+    """Raise EmcasError if a function cannot be called with `arguments`, their names separated by ", "."""
     try:
         signature(function).bind(*arguments.split(", "))
     except TypeError:

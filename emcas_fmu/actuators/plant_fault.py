@@ -24,7 +24,7 @@ class PlantFault:
     """A fault of an actuator's kind, with the parameters ``fault.NAME.active``, ``.begin``, ``.end`` and its amounts.
 
     `changes(ops, p, amounts)` returns the plant's parameters that change while the fault is active, by their dotted
-    names, arrays as tuples. `p` contains the changes of the faults declared before this fault; ``amounts.X`` is the
+    names, arrays as tuples. `p` contains the changes by active faults declared before this one; ``amounts.X`` is the
     parameter ``fault.NAME.X``. A `lasting` fault stays active until reset. A fault with the name of a general fault
     replaces the general fault. Raises EmcasError for a name that a parameter cannot have.
     """
@@ -38,7 +38,7 @@ class PlantFault:
     @classmethod
     def scaling(cls, name: str, description: str, amount: Variable, *parameters: str, lasting: bool = False
                 ) -> PlantFault:
-        """Return a fault that multiplies the named `parameters` by its `amount`.
+        """Return a fault that multiplies `parameters`, dotted names, by its `amount`.
 
         Its `changes` raise AttributeError for a parameter that the actuator does not have.
         """
@@ -58,7 +58,7 @@ class PlantFault:
 
 
 def check_names(actuator: str, faults: Iterable[PlantFault]) -> None:
-    """Raise EmcasError if two faults of an `actuator`, named in the message, have the same name."""
+    """Raise EmcasError if two faults have the same name; `actuator` is the actuator's name, for the message."""
     names = [fault.name for fault in faults]
     if twice := [name for name in names if names.count(name) > 1]:
         raise EmcasError(f"actuator {actuator}: fault {twice[0]} is declared twice; rename or remove one")

@@ -38,11 +38,12 @@ def functions(actuator: Actuator) -> tuple[Function, ...]:
 
     initial() returns states, controller states, measured angle and sampled states; sample() the reference, controller
     states, measured angle, whether a limit is active, and sampled states; motion_loads() the fields of MotionLoads;
-    step() the states and the time [s] that it has advanced; outputs() every output.
+    step() the states and the time [s] that it has advanced; outputs() every output. The argument `active` is the
+    reference that has arrived at the drive, `reference` that of the last sample.
     """
     plant, controllers, sampled = (tuple(s.name for s in states) for states in (
         actuator.states, actuator.controller_states, actuator.sampled_states))
-    held_inputs = (*LOADS, "supply", "enable", *identifiers(actuator.acting_inputs))
+    step_inputs = (*LOADS, "supply", "enable", *identifiers(actuator.acting_inputs))
 
     def acting(sampled_values: Iterable[Value], reference: Value, values: Iterable[Value]) -> dict[str, Value]:
         """Return the plant inputs by name."""
@@ -92,16 +93,17 @@ def functions(actuator: Actuator) -> tuple[Function, ...]:
         ("sample", (*plant, *controllers, *sampled, "command", "supply", "enable",
                     *identifiers(actuator.further_inputs)), sample),
         ("motion_loads", identifiers(fin_port.MOTION), motion_loads),
-        ("step", (*plant, *sampled, "active", *held_inputs, "h"), step),
-        ("outputs", (*plant, "active", "reference", "measured", "limited", *sampled, "command", *held_inputs), outputs),
+        ("step", (*plant, *sampled, "active", *step_inputs, "h"), step),
+        ("outputs", (*plant, "active", "reference", "measured", "limited", *sampled, "command", *step_inputs), outputs),
     )
 
 
 def complete(function: Callable[..., Any], values: Any, names: Iterable[str], optional: Iterable[str] = ()
              ) -> Mapping[str, Value]:
-    """Return `values`, the result of `function`, if it has a number for each of `names` and no other than `optional`.
+    """Return `values`, the result of `function`.
 
-    Raises EmcasError with the function's location otherwise.
+    Raises EmcasError with the function's location if a number for one of `names` is missing, or if there is another
+    name than these and the `optional` ones.
     """
     if not isinstance(values, Mapping):
         raise EmcasError(f"{location(function)} returns {type(values).__name__}; return a mapping of names to values")
@@ -115,7 +117,7 @@ def complete(function: Callable[..., Any], values: Any, names: Iterable[str], op
     if unknown:
         raise EmcasError(f"{location(function)} {returned}; declared are {', '.join(sorted(known))}")
     for name, value in values.items():
-        unknown_number = isinstance(value, float) and isnan(value) and not isinstance(value, LocatedFloat)
-        if value is None or isinstance(value, (str, Sequence, Mapping)) or unknown_number:
+        is_nan = isinstance(value, float) and isnan(value) and not isinstance(value, LocatedFloat)
+        if value is None or isinstance(value, (str, Sequence, Mapping)) or is_nan:
             raise EmcasError(f"{location(function)} returns {name} = {value!r}; return a number")
     return values

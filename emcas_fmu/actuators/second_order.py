@@ -29,7 +29,7 @@ PARAMETERS = (
     parameter("second_order.rate_limit", "rad/s", 1e-6, 1e6, "largest fin rate",
               sheet="specification: largest fin rate"),
 )
-# Least |1 - zeta^2|: nearer to a double root the closed form is evaluated at this distance from it.
+# Smallest |1 - zeta^2|: nearer to the double root, zeta = 1, the closed form uses this value.
 _DOUBLE = 1e-9
 
 
@@ -54,7 +54,7 @@ def _free(ops: Ops, p: Any, angle: Value, rate: Value, target: Value, h: Value) 
         return decay * ops.cos(root * h), decay * ops.sin(root * h) / root
 
     def creeping() -> tuple[Value, ...]:
-        # Two exponentials: their product with the decay would overflow first.
+        # Two exponentials, since the hyperbolic functions of root * h would overflow.
         slow, fast = ops.exp((root - zeta * w) * h), ops.exp(-(root + zeta * w) * h)
         return 0.5 * (slow + fast), 0.5 * (slow - fast) / root
 
@@ -65,7 +65,7 @@ def _free(ops: Ops, p: Any, angle: Value, rate: Value, target: Value, h: Value) 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the fin's states after `h` [s], and `h`: events do not end a step, and their error is of second order.
 
-    A disabled fin comes to rest at once and stays, also when delayed commands arrive.
+    A disabled fin comes to rest at once and stays at rest, even if delayed commands arrive.
     """
     angle, rate = ops.branch(u.enabled, lambda: _driven(ops, p, x.fin_angle, x.fin_rate, u.reference, h),
                              lambda: (x.fin_angle, 0.0))

@@ -26,7 +26,7 @@ WITHOUT_EFFECT: Mapping[str, Any] = {
 
 
 def completed(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `values`, by flat names and in SI, completed by those WITHOUT_EFFECT."""
+    """Return `values`, in SI by flat names such as ``a.b[0]``, completed by values WITHOUT_EFFECT."""
     flat = {name: value for name, value in WITHOUT_EFFECT.items() if not isinstance(value, tuple)}
     arrays = {f"{name}[{i}]": each for name, value in WITHOUT_EFFECT.items() if isinstance(value, tuple)
               for i, each in enumerate(value)}
@@ -34,19 +34,17 @@ def completed(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class AsDeclared:
-    """The parameters that an actuator declares, completed by those WITHOUT_EFFECT if it provides shared equations.
+    """The parameters that an actuator declares, completed by values WITHOUT_EFFECT if it has shared equations.
 
-    `loop` says whether a loop controls the motor current. ``missing`` lists the parameters that the capabilities need
-    and that are neither declared nor in WITHOUT_EFFECT.
+    `loop` says whether a loop controls the motor current. ``missing`` lists the parameters of shared equations that the
+    capabilities need, but that are neither declared nor in WITHOUT_EFFECT.
     """
 
     def __init__(self, declared: Iterable[str] = (), provides: Iterable[str] = (), loop: bool = True) -> None:
         names = {name.partition("[")[0] for name in declared}
-        self._absent: dict[str, Any] = {}
         shared = {name for each in provides for name in capabilities.NEEDED_PARAMETERS.get(each, ())
                   if loop or name not in capabilities.OF_LOOP}
-        if shared:
-            self._absent = {name: value for name, value in WITHOUT_EFFECT.items() if name not in names}
+        self._absent = {name: value for name, value in WITHOUT_EFFECT.items() if shared and name not in names}
         self.missing = sorted(shared - names - set(self._absent))
 
     def __call__(self, ops: Ops, p: Any) -> Any:

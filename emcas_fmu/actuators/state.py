@@ -37,7 +37,7 @@ FIN = (State("fin_angle", "rad"), State("fin_rate", "rad/s"))
 class PlantInputs(Record):
     """Inputs of the plant, ``u``, by name, in SI; constant during a step.
 
-    - ``reference``: that of the last sample whose reference has arrived at the drive, after the delay
+    - ``reference``: the reference of the controllers that has arrived at the drive, after the transport delay
     - ``aero_torque`` [N.m]
     - the vehicle's motion in the fin's axes (:class:`emcas_fmu.physics.loads.MotionLoads`): specific force at the hinge
       ``f_x``, ``f_z`` [m/s2]; products of its rates ``wx2_wz2``, ``wx_wz`` [rad2/s2]; angular acceleration about the
@@ -55,9 +55,9 @@ class SampleInputs(Record):
     """Inputs of a sample, by name, in SI.
 
     - ``command`` [rad], ``supply`` [V or Pa], ``enable``, the actuator's additional inputs
-    - ``position`` [rad]: the angle, a state, that the encoder reads
+    - ``position`` [rad]: the state that the encoder of position reads
     - ``encoder_offset`` [counts]: error of the encoder's zero; None without such an error
-    - ``ahead``: feed-forward of a motion (:class:`emcas_fmu.control.trajectory.Ahead`); None without a motion
+    - ``ahead``: feed-forward of a motion (:class:`emcas_fmu.control.trajectory.Ahead`), otherwise None
     - ``observer``: function that estimates the motor's speed from the measurement
       (:func:`emcas_fmu.control.filters.observed`); None without an observer
     """

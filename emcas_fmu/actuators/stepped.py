@@ -22,24 +22,23 @@ if TYPE_CHECKING:
     from .declaration import Actuator
 
 BEGUN = "begun"
-"""Name of a state, 0 until the first step: an actuator has it whose initial values use the inputs of this step."""
+"""Name of a state that is 0 until the first step; actuators have it whose initial values use inputs."""
 _INPUTS = ("reference", *LOADS, "supply", "enabled", "rated_current_limit", "command", "sampled_reference",
            "measured_fin_angle", "limited")
-_FIN = Stop("fin_angle", "fin_rate", "fin.stop_angle")
+_FIN_STOP = Stop("fin_angle", "fin_rate", "fin.stop_angle")
 
 
 def fields(actuator: Actuator) -> dict[str, Any]:
-    """Return fields that replace those declared: step, smooth derivatives, outputs with those of the port.
+    """Return the fields to replace: step, derivatives without discontinuities, and outputs completed by the port's.
 
     If initial values use inputs, all functions that read states are replaced. Raises EmcasError for an actuator without
     derivatives, or with discontinuities of states or parameters that it does not have.
     """
     if actuator.derivatives is None:
-        raise EmcasError(f"actuator {actuator.name}: has neither a step nor derivatives; declare "
-                         "derivatives")
+        raise EmcasError(f"actuator {actuator.name}: has neither a step nor derivatives; declare derivatives")
     names, derivatives, output_values = [s.name for s in actuator.states], actuator.derivatives, actuator.output_values
-    stops = [] if {_FIN.angle, _FIN.rate} - set(names) or any(
-        isinstance(each, Stop) and each.angle == _FIN.angle for each in actuator.discontinuities) else [_FIN]
+    stops = [] if {_FIN_STOP.angle, _FIN_STOP.rate} - set(names) or any(
+        isinstance(each, Stop) and each.angle == _FIN_STOP.angle for each in actuator.discontinuities) else [_FIN_STOP]
     try:
         for each in actuator.discontinuities:
             _check_values(each, {v.name for v in actuator.parameters})
@@ -57,8 +56,8 @@ def fields(actuator: Actuator) -> dict[str, Any]:
 
     @wraps(output_values)
     def outputs(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Mapping[str, Value]:
-        now, active = system.present(ops, p, x, u)
-        return fin_port.completed(ops, p, x, u, ops.either(u.limited > 0.0, active), output_values(ops, p, x, now))
+        now, at_limit = system.present(ops, p, x, u)
+        return fin_port.completed(ops, p, x, u, ops.either(u.limited > 0.0, at_limit), output_values(ops, p, x, now))
 
     @wraps(derivatives)
     def smooth(ops: Ops, p: Any, x: Record, u: Record) -> Mapping[str, Value]:
@@ -69,8 +68,7 @@ def fields(actuator: Actuator) -> dict[str, Any]:
 
 
 def _check_values(each: Discontinuity, parameters: Collection[str]) -> None:
-    """Raise EmcasError for a torque, gap, value or limit that names no parameter, or is a function of other arguments.
-    """
+    """Raise EmcasError if a torque, gap, value or limit names no parameter or has other arguments than ops, p, x, u."""
     owner = f"{type(each).__name__} {each.angle if isinstance(each, Stop) else each.name}"
     for name, value in vars(each).items():
         if callable(value):
@@ -85,7 +83,7 @@ def _begun(actuator: Actuator, replaced: Mapping[str, Any]) -> dict[str, Any]:
     names = [s.name for s in (*actuator.states, *actuator.controller_states, *actuator.sampled_states)]
 
     def begun(ops: Ops, p: Any, x: Record, u: Record) -> Record:
-        """Return the states `x`; before the first step those that follow from the inputs."""
+        """Return the states `x`; before the first step, the initial states under the inputs `u`."""
         at = Record(fin_angle=p.fin.start_angle, encoder_offset=None)
         start = {**dict.fromkeys(names, 0.0), "fin_angle": at.fin_angle,
                  **complete(initial, initial(ops, p, at, u), (), names)}
@@ -94,7 +92,7 @@ def _begun(actuator: Actuator, replaced: Mapping[str, Any]) -> dict[str, Any]:
         return x.replace(**states, **{BEGUN: 1.0})
 
     def from_start(function: Any) -> Any:
-        """Return a function of (ops, p, x, u) for the states that follow from the inputs."""
+        """Return the function of (ops, p, x, u) for the states that `begun` returns."""
         return wraps(function)(lambda ops, p, x, u: function(ops, p, begun(ops, p, x, u), u))
 
     switched = replace(replaced["step"].system, begun=lambda ops, p, x, u, h: (begun(ops, p, x, u), h))
