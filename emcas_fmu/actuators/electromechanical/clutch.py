@@ -7,14 +7,14 @@
 One clutch turns the screw with the motor, the other, through a gear, against it. The reference of the loops of
 :mod:`emcas_fmu.control.controllers` is a net coil current, K_v u within +-I_max: for the loops the slipping clutches
 are a motor with a constant torque per ampere. A bias I_b in both coils keeps their magnets out of the dead band. The
-motor is fed by the supply through a diode, without control and inductance. Rotor and screw are two bodies
-with four dry frictions (:mod:`emcas_fmu.physics.coupled`), two of them the clutches: a clutch slips or is locked, with
-both speeds equal to the bit. Without `enable` both coils are off, and the motor keeps turning: loads and friction move
-the fin, and the residual torques of the clutches cancel. No power returns to the supply: the motor's diode blocks it,
-and the coils' suppressors dissipate it.
+motor is fed by the supply through a diode, without control and inductance. Rotor and screw are two bodies with four dry
+frictions (:mod:`emcas_fmu.physics.coupled`), two of them the clutches: a clutch slips, or is locked and both speeds are
+equal to the bit. Without `enable` both coils are off, and the motor keeps turning: loads and friction move the fin, and
+the residual torques of the clutches cancel. No power returns to the supply: the motor's diode blocks its current, and
+suppressors dissipate the coils' energy.
 
 Events (:mod:`emcas_fmu.steppers.events`): a clutch locks or slips, screw or motor comes to rest or starts, the fin
-meets a stop, a coil's amplifier reaches a limit, the motor's diode opens.
+meets a stop, a coil's amplifier reaches or leaves a limit, the motor's diode opens or closes.
 """
 
 from __future__ import annotations
@@ -74,15 +74,13 @@ MODULES = (coupled, clutch, kinematics, mechanics, friction, loads, sensors, con
 
 
 def _screw_side(p: Any) -> Any:
-    """Return the parameters of screw and loops, with the clutches' driven halves as rotor and their torque per ampere
-    as torque constant."""
+    """Return the parameters of screw and loops: the rotor is the clutches' driven side, with their torque constant."""
     return with_values(p, {"inertia.motor": p.clutch.driven_inertia,
                            "motor.torque_constant": clutch.torque_per_ampere(p)})
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
-    """Return the states of plant and controllers at rest at a fin angle, with the motor at its start speed and the
-    bias current in both coils."""
+    """Return the states with the fin at rest, the motor at its start speed and the bias current in both coils."""
     begun = dict(nonlinear.initial(ops, _screw_side(p), start))
     angle, bias = begun.pop("motor_angle"), p.clutch.bias_current
     return {**begun, "screw_angle": angle, "motor_speed": p.motor.start_speed,
@@ -91,14 +89,14 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
 
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-    """Return the reference and states of the controllers after a sample; they are held in reset while disabled."""
+    """Return the reference and the states of the controllers after a sample; while disabled they are held in reset."""
     # The net current of both coils causes the torque, as a motor's current does.
     cascade = clutches.as_cascade(x, x.coil_current_1 - x.coil_current_2)
     return nonlinear.sample(ops, _screw_side(p), cascade, inputs)
 
 
 def _coils(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[clutch.Coil, clutch.Coil]:
-    """Return both coils; their current references [A] are the net one split by its sign, plus the bias."""
+    """Return both coils: a net current reference [A] goes to the coil of its sign; the bias is added in both."""
     net = drive.current_reference(ops, p, u.reference)
     # |net| instead of a maximum: its slope at 0 is the mean of both sides, as linear analysis needs it.
     larger, bias = 0.5 * ops.fabs(net), p.clutch.bias_current
@@ -149,8 +147,8 @@ def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
 def _slip_powers(ops: Ops, b: Bodies, signs: tuple[Value, ...], x: Record) -> tuple[Value, Value]:
     """Return the powers [W] that both clutches dissipate."""
     speeds = coupled.slips(x.screw_speed, x.motor_speed)
-    powers = [b.dry[k].high * signs[k] * speeds[k] for k in (coupled.WITH, coupled.AGAINST)]
-    return powers[0], powers[1]
+    first, second = (b.dry[k].high * signs[k] * speeds[k] for k in (coupled.WITH, coupled.AGAINST))
+    return first, second
 
 
 def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
@@ -165,8 +163,10 @@ def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states with clutches that slip, amplifiers within their limits and a constant temperature;
-    viscous friction is the mean of both directions."""
+    """Return d/dt of the states with slipping clutches, amplifiers within their limits and a constant temperature.
+
+    Viscous friction is the mean of both directions.
+    """
     p = as_built(ops, p)
     m = _surroundings(ops, p, x, u, x.screw_angle)
     wet, none = 0.5 * (m.wet[0] + m.wet[1]), Dry(0.0, 0.0)

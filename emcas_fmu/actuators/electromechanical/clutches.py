@@ -56,8 +56,8 @@ _BLOCKED = 1e6  # N.m: dry friction that no torque overcomes
 def faults(jammed: str, opened: tuple[str, str], shares: tuple[str, ...]) -> tuple[PlantFault, ...]:
     """Return the faults of all actuators with clutches.
 
-    `jammed` describes the effect of a blocked screw; `opened` contains the parameter that an open coil sets to 0 and
-    the name of its clutch; `shares` are the parameters of the clutches' torque.
+    `jammed` describes the effect of a blocked screw; `opened` contains the parameter that an open coil sets to 0, and
+    the name of the coil's clutch; `shares` are the parameters that scale the clutches' torques.
     """
     def shorted(ops: Ops, p: Any, amounts: Any) -> Mapping[str, Value]:
         return {"coil.resistance": amounts.share * p.coil.resistance,
@@ -89,7 +89,7 @@ def rotor_inertia(p: Any) -> Value:
 
 
 def as_cascade(x: Record, current: Value) -> Record:
-    """Return the states as the loops use them: those of the screw as the motor's, and a motor `current` [A]."""
+    """Return the states that the loops use: the screw's as the motor's, and `current` [A] as the motor current."""
     return Record(**{**vars(x), "motor_angle": x.screw_angle, "motor_speed": x.screw_speed, "motor_current": current})
 
 
@@ -102,9 +102,9 @@ def stop_margin(ops: Ops, direction: Value, stops: tuple[Value, Value], angle: V
 
 def stopped(ops: Ops, struck: Value, direction: Value, stops: tuple[Value, Value], x: Record, screw: Value,
             motor: Value) -> Values:
-    """Return the states of screw and motor at the end of a step, from their speeds [rad/s] without a stop.
+    """Return speeds and screw angle at the end of a step; `screw` and `motor` are the speeds [rad/s] without a stop.
 
-    If a stop is `struck`, it brings the screw to rest at once; the motor keeps its speed, and its clutches slip.
+    A stop that is `struck` brings the screw to rest at once; the motor keeps its speed, and the clutches slip.
     """
     low, high = stops
     return {"screw_speed": ops.where(struck, 0.0, screw), "motor_speed": ops.where(struck, x.motor_speed, motor),

@@ -1,7 +1,7 @@
 """The nonlinear actuator with an elastic drive line and a gap between nut and fork.
 
-Rotor and fin have an angle each (:mod:`emcas_fmu.physics.drive_line`); the fin's is referred to the motor. Without
-compliance and gap every step is that of the nonlinear actuator.
+Rotor and fin have an angle each; the fin's angle is referred to the motor (:mod:`emcas_fmu.physics.drive_line`).
+Without compliance and gap every step is that of the nonlinear actuator.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ SHAFT = replace(groups.SHAFT, provides=()).reworded(
 def hinge_yields(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     line = p.drive_line
     compliance = drive_line.hinge_compliance(ops, p)
-    limp = ops.negate(compliance <= _MOST_COMPLIANT)
-    return when(ops, limp), line.fork_stiffness, line.shaft_stiffness, line.structure_stiffness, compliance
+    too_soft = ops.negate(compliance <= _MOST_COMPLIANT)
+    return when(ops, too_soft), line.fork_stiffness, line.shaft_stiffness, line.structure_stiffness, compliance
 
 
 def _group(imperfection: str, *parameters: Variable, provides: Iterable[str] = (), **absent: float) -> Group:
     """Return a group of parameters ``drive_line``; without the group they have the values `absent`, by default 0.
 
-    The `imperfection` consists of those whose value is then 0, except damping, which has no effect at rest.
+    The `imperfection` consists of the parameters that are 0 then, except damping, which has no effect at rest.
     """
     values = {f"drive_line.{v.name}": absent.get(v.name, 0.0) for v in parameters}
     return Group(in_group("drive_line", *parameters), provides=tuple(provides), absent=values, imperfections={
@@ -137,7 +137,8 @@ def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values,
 def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     """Return the parameters as built, and the values from which the outputs follow.
 
-    Outputs of the fin follow from the fin's angle, that of the nut from the motor's less the deformation in between.
+    Outputs of the fin follow from the fin's angle, the nut's position from the motor angle minus the deflection of
+    shaft and screw.
     """
     p = as_built(ops, p)
     voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)

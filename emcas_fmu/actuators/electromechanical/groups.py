@@ -41,7 +41,7 @@ SCREW = Group((
     (Output(real_output("nut_position", "m", "nut displacement from the assembly position", 0.01),
             lambda ops, p, m: kinematics.nut_position(ops, p, m.nut)),),
     provides=(capabilities.SCREW_AND_LEVER,), deviations=(as_built.LEAD,))
-# The screw transmits the whole load of the nut to the motor: extensions may add losses.
+# The screw transmits the whole load of the nut to the motor; extensions may add losses.
 LOSSLESS = Group(provides=(capabilities.SCREW_LOAD,))
 EFFICIENCY = Group((
     parameter("efficiency.forward", "1", 0.01, 1.0, "efficiency of the screw when the motor drives the load",
@@ -51,7 +51,6 @@ EFFICIENCY = Group((
               sheet="screw: efficiency, thrust into torque")))
 
 # -- friction ----------------------------------------------------------------------
-
 
 VISCOUS = Group((
     *(parameter(f"friction.viscous.{way}", "N.m.s/rad", 0.0, 10.0, f"viscous friction at the motor, {way} motion",
@@ -105,7 +104,7 @@ POLE_PAIRS = Group((
     integer_parameter("motor.pole_pairs", 0, 1000, "pole pairs; the inductive voltage, pole pairs times speed, "
                       "inductance and current, lowers the voltage limit (0: it does not)",
                       sheet="motor: pole pairs, half the number of poles"),))
-# A brushless motor whose bridge is all that `enable` switches, and whose rotor angle is a state.
+# A brushless motor: `enable` switches its bridge and nothing else, and its rotor angle is a state.
 PHASES = Group(provides=(capabilities.PHASES,))
 DELAY = Group((parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from DAC to current reference",
                         sheet="drive: delay from a command to the current", display="ms"),),
@@ -190,6 +189,6 @@ def with_screw(screw: Group) -> tuple[Group, ...]:
 def with_gear(gear: Group, fork: str, shaft: Group = SHAFT) -> tuple[Group, ...]:
     """Return the groups of motor, drive, loops, encoder and fin with a `gear` instead of screw and lever.
 
-    `fork` names the part that turns the fin's shaft, for descriptions.
+    `fork` is the name of the part that turns the fin's shaft, for descriptions.
     """
     return COULOMB, ENCODER, *LOOPS, VISCOUS, HINGE.reworded({"fork": fork}), HINGE_FRICTION, shaft, *SERVO, gear

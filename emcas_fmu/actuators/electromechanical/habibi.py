@@ -20,8 +20,7 @@ COMPOSITION = interface.composed(elastic.moment, *groups.with_screw(elastic.SCRE
 
 
 def at_motor(p: Any) -> Any:
-    """Return parameters with the same viscous and the same constant Coulomb friction at the motor in both directions.
-    """
+    """Return parameters with viscous and constant Coulomb friction at the motor, both equal in both directions."""
     viscous, coulomb = p.friction.viscous, p.friction.coulomb
     mean = 0.5 * (viscous.positive + viscous.negative)
     constant = (0.5 * (coulomb.positive[0] + coulomb.negative[0]), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -14,7 +14,7 @@ from .. import fin_port
 from ..declaration import Actuator, PlantInputs, SampleInputs, Values
 from . import groups, interface, plausibility
 
-# Largest phase [rad] of the drive's integral action in a tick, in which its value at mid-tick is used.
+# Largest phase [rad] of the drive's integral action in a tick; a step uses the integral at mid-tick.
 _INTEGRAL_PHASE = 0.07
 EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, controllers, rigid)
 

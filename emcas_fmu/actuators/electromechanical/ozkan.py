@@ -19,9 +19,9 @@ from ..declaration import Supply
 from . import elastic, groups, interface, plausibility
 from .habibi import at_motor
 
-# Least compliance [rad/(N.m)] of the shaft, 6e-6 deg at the fin under the motor's full torque: the equations of a rigid
-# shaft do not cover an ideal current loop.
-_STIFFEST = 1e-6
+# Smallest compliance [rad/(N.m)] of the shaft, 6e-6 deg at the fin under the motor's full torque: the equations of a
+# rigid shaft do not cover an ideal current loop.
+_LEAST_COMPLIANCE = 1e-6
 COMPOSITION = interface.composed(
     elastic.moment, *groups.with_screw(elastic.SCREW), elastic.SHAFT, groups.MOTOR, groups.CURRENT, groups.POWER,
     groups.DELAY, groups.CURRENT_GAIN, groups.CURRENT_LIMIT, groups.COMPENSATION, elastic.TORSIONAL)
@@ -33,11 +33,11 @@ def _gapless(_: Ops, p: Any) -> Any:
 
 def _ozkan(ops: Ops, p: Any) -> Any:
     return with_values(_gapless(ops, p), {
-        "drive_line.torsional_compliance": ops.maximum(p.drive_line.torsional_compliance, _STIFFEST)})
+        "drive_line.torsional_compliance": ops.maximum(p.drive_line.torsional_compliance, _LEAST_COMPLIANCE)})
 
 
 ACTUATOR = COMPOSITION.over(
-    elastic.ACTUATOR, _ozkan, plausibility.UNWOUND_RULES,
+    elastic.ACTUATOR, _ozkan, plausibility.RULES_WITHOUT_WINDING,
     name="ozkan",
     title="electromechanical actuator after Ozkan: ideal current loop, flexible motor shaft, constant ratio",
     supply=Supply(interface.SUPPLY_VOLTAGE, interface.SUPPLY_POWER),

@@ -18,13 +18,13 @@ from ...rules import Rule, in_degrees, rule, when
 from ..composition import with_parameters
 from .rules import inertias
 
-# Largest ratios of the load's inertia to the rotor's, rarely above 30 in servo drives, and of the rotor's to the load's
+# Largest ratio of the load's inertia to the rotor's, rarely above 30 in servo drives, and the reverse ratio's largest.
 MOST_LOAD, MOST_ROTOR = 100.0, 1000.0
 # Largest ratio of L/R to J R/K_t^2: 0.05 to 20 in servo motors; with mH entered as H it would be 1000 times as large.
 MOST_WINDING = 30.0
 MOST_FRICTION = 0.5  # largest dry friction as a share of the motor's torque at its current limit
-COARSEST_COUNT = 0.01  # largest count as a share of command.limit: Table 2's accuracy over its range
-MOST_JUMP = 0.1  # largest current reference after one count in a sample, as a share of the current limit
+COARSEST_COUNT = 0.01  # largest count as a share of command.limit: accuracy over range in the thesis's Table 2
+MOST_JUMP = 0.1  # largest current reference due to one count in a sample, as a share of the current limit
 # Largest phase lag [rad] of delay and sampling at the velocity loop's crossover: 30 deg of margin are left.
 MOST_LAG = pi / 3.0
 
@@ -92,7 +92,7 @@ def stable_velocity(inertia: Callable[[Any], Value]) -> Rule:
 def plausible_winding(inertia: Callable[[Any], Value]) -> Rule:
     """Return the rule for the winding's time constant; `inertia(p)` returns the inertia at the motor [kg.m2].
 
-    It is compared with the motor's mechanical time constant J R/K_t^2, or the sample time if that is longer.
+    The rule compares it with the mechanical time constant J R/K_t^2, or with the sample time if that is longer.
     """
     @rule("motor.inductance = %.6g H over motor.resistance = %.6g Ohm is a time constant of %.6g s, more than "
           f"{MOST_WINDING:g} times the mechanical one of %.6g s (inertia times motor.resistance over "
@@ -107,12 +107,13 @@ def plausible_winding(inertia: Callable[[Any], Value]) -> Rule:
 
 
 VELOCITY_RULE, WINDING_RULE = (make(lambda p: sum(inertias(p, 0.0))) for make in (stable_velocity, plausible_winding))
-UNWOUND_RULES = (matched_inertia, little_friction, reachable_current, fine_counts, quiet_current, VELOCITY_RULE)
-RULES = (*UNWOUND_RULES, WINDING_RULE)
+RULES_WITHOUT_WINDING = (
+    matched_inertia, little_friction, reachable_current, fine_counts, quiet_current, VELOCITY_RULE)
+RULES = (*RULES_WITHOUT_WINDING, WINDING_RULE)
 
 
 def of_screw(change: Callable[[Ops, Any], Any]) -> tuple[Rule, ...]:
-    """Return the RULES for an actuator of which `change` returns the parameters of an equivalent screw and lever."""
+    """Return the RULES for the parameters that `change(ops, p)` returns, those of an equivalent screw and lever."""
     return tuple(rule._replace(check=with_parameters(rule.check, change)) for rule in RULES)
 
 

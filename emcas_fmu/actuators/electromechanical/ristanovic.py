@@ -36,8 +36,8 @@ BAR = Group((
 
 
 def _loaded(ops: Ops, p: Any, angle: Value, u: PlantInputs) -> PlantInputs:
-    built = as_built(ops, p)
-    fin = kinematics.fin_at(ops, built, angle)
+    """Return the plant inputs with the torque of the bar at a motor angle [rad]."""
+    fin = kinematics.fin_at(ops, as_built(ops, p), angle)
     return u.replace(aero_torque=u.aero_torque - p.load.torsion_bar * fin)
 
 
@@ -55,10 +55,7 @@ def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values,
 
 
 def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
-    """Return the parameters as built, and the values from which the outputs follow.
-
-    The hinge torque includes that of the bar.
-    """
+    """Return the parameters as built, and the values from which the outputs follow, with the bar in hinge_torque."""
     return nonlinear.moment(ops, p, x, _loaded(ops, p, x.motor_angle, u))
 
 

@@ -48,8 +48,7 @@ def encoder_multiplier(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 def _stable(name: str, share: float) -> Rule:
-    """Return the rule that a gain [1/s] is at most `share` over the sample time: it removes at most that in a sample.
-    """
+    """Return the rule that a gain [1/s] corrects at most this `share` of an error in a sample."""
     @rule(f"controller.{name} = %.6g 1/s must be at most {share:g}/controller.sample_time = %.6g 1/s")
     def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         gain, fastest = getattr(p.controller, name), share / p.controller.sample_time
@@ -80,7 +79,7 @@ def setpoint_weight(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 def inertias(p: Any, viscous: Value) -> tuple[Value, Value]:
-    """Return two inertias at the motor [kg.m2], of nut and hinge at the ratio d/l, and of motor and screw.
+    """Return two inertias [kg.m2] at the motor: that of nut and fin at the ratio d/l, and that of motor and screw.
 
     `viscous` [kg.m2] is added to the inertia about the hinge.
     """
@@ -96,7 +95,7 @@ MOST_JAMMING = 0.9
 def jams(ops: Ops, p: Any, backward: Value, tick: Value) -> tuple[Value, ...]:
     """Return 1 if -e J_l exceeds MOST_JAMMING J_r, else 0, and e, J_r and J_l [kg.m2]; e is the efficiency `backward`.
 
-    J_l includes the hinge's viscous friction in the midpoint rule with a `tick` [s]; the ratio is d/l, its least.
+    J_l includes the hinge's viscous friction in the midpoint rule with a `tick` [s]; the ratio is d/l, the smallest.
     """
     load, rotor = inertias(p, 0.5 * tick * mechanics.hinge_friction(p).viscous)
     return when(ops, -backward * load > MOST_JAMMING * rotor), backward, rotor, load

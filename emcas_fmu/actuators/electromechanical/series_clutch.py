@@ -21,8 +21,8 @@ The link has no capacitance; diode and chopper change no trajectory. Encoder and
 the screw instead of the motor.
 
 Events (:mod:`emcas_fmu.steppers.events`): the clutch locks or slips, screw or rotor comes to rest or starts, the load
-begins to drive the screw or to oppose it, the fin meets a stop, the coil's amplifier or the drive's voltage reaches a
-limit.
+begins to drive the screw or to oppose it, the fin meets a stop, the coil's amplifier or the drive's voltage reaches or
+leaves a limit.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
 
 
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-    """Return the reference and states of the controllers after a sample; they are held in reset while disabled."""
+    """Return the reference and the states of the controllers after a sample; while disabled they are held in reset."""
     return nonlinear.sample(ops, _as_one(p), clutches.as_cascade(x, x.motor_current), inputs)
 
 
@@ -179,7 +179,7 @@ def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
     turning, rotor = clutched_screw.landed(ops, m.motion, (begin.screw_speed, begin.motor_speed),
                                            (x.screw_speed, x.motor_speed), events)
-    # By rounding another event may be located just after that of the stop.
+    # By rounding, a step may end at another event although the screw has just passed its stop.
     way, (least, most) = m.motion.screw, m.stops
     beyond = ops.either(ops.both(way > 0.0, x.screw_angle >= most), ops.both(way < 0.0, x.screw_angle <= least))
     struck = ops.either(events["stop"], beyond)
@@ -236,7 +236,7 @@ ACTUATOR = replace(
     initial=initial,
     sample=sample,
     derivatives=derivatives,
-    # Without a load its direction is rounding: after a step as short as PROGRESS the current would not have changed.
+    # The sign of a load near 0 is rounding: without `least`, steps would be so short that the current hardly changes.
     step=events.Switched(mode, _rates, _margins, _landed, electrical.begun, least={"load": 1e-3}).step(as_built),
     reference="emcas_fmu.reference.series_clutch",
     modules=(sys.modules[__name__], *MODULES),

@@ -123,15 +123,15 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
 def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
     """Return the duty cycle and the firmware's states; a disabled firmware resets its integral."""
     out = firmware.sample(ops, p, x.integral, x.counts, inputs.position, inputs.command, inputs.ahead)
-    on = {"reference": out.duty, "limited": out.limited, "integral": out.integral}
-    return {**{name: ops.where(inputs.enable, value, 0.0) for name, value in on.items()}, "counts": out.counts,
+    enabled = {"reference": out.duty, "limited": out.limited, "integral": out.integral}
+    return {**{name: ops.where(inputs.enable, value, 0.0) for name, value in enabled.items()}, "counts": out.counts,
             "measured_fin_angle": out.counts * firmware.count(p)}
 
 
 def feed_forward(ops: Ops, p: Any, motion: Motion, memory: Value) -> tuple[Ahead, Value, Value]:
-    """Return the feed-forward of a motion of the fin, counts of PWM, at the nominal voltage and with a stiff gear.
+    """Return the feed-forward of a motion of the fin, the unchanged memory, and the transport delay [s].
 
-    The memory is unchanged; the third value is the transport delay [s].
+    Its reference, in counts of PWM, holds at the nominal voltage and with a stiff gear.
     """
     speed = 0.5 * (motion.rate + motion.next_rate)
     inertia = p.inertia.motor * p.gear.ratio * p.gear.ratio + fin_port.hinge_inertia(p)

@@ -51,17 +51,16 @@ WORM = Group((*in_group(
     deviations=(Deviation(parameter("deviation.worm.friction", "1", -0.9, 10.0, "relative deviation as built of the "
                                     "flanks' friction coefficient")),))
 
-
 COMPOSITION = interface.composed(nonlinear.moment, *groups.with_gear(WORM, "worm wheel"))
-# Longest tick [s] with friction that falls with the speed. With a fall from 0.15 to 0.04 the reference cases agree
-# within 0.0011 deg.
+# Longest tick [s] with friction that falls with the speed. If its coefficient falls from 0.15 to 0.04, the fin angle in
+# the reference cases agrees within 0.0011 deg.
 _FALLING = 2.5e-4
 
 
 def geared(_: Ops, p: Any) -> Any:
     """Return the parameters of an equivalent screw of ratio N without lever, with the flanks' friction as built.
 
-    Applied to its own result it changes nothing.
+    Applying it to its own result changes nothing.
     """
     return with_values(COMPOSITION.completed(p, (groups.LEVER, groups.SCREW)), {
         "kinematics.moment_arm": worm.ratio(p), "screw.lead": 1.0, "inertia.screw": p.inertia.worm,
@@ -83,7 +82,7 @@ FAULTS = (
 
 
 def longest_tick(ops: Ops, p: Any) -> Value:
-    """Return the largest tick [s]; it resolves friction that falls with the speed."""
+    """Return the largest tick [s] that resolves the current loop and friction that falls with the speed."""
     longest = nonlinear.longest_tick(ops, p)
     return ops.where(ops.equal(p.worm.static_ratio, 1.0), longest, ops.minimum(longest, _FALLING))
 

@@ -42,8 +42,8 @@ COMPOSITION = interface.composed(
 def geared(ops: Ops, p: Any) -> Any:
     """Return the parameters of an equivalent screw on the rim of the wheel, with the flanks' friction as built.
 
-    Shaft and worm are rigid in torsion, as the flanks' friction does not act on a twist in front of them. Applied to
-    its own result it changes nothing.
+    Shaft and worm are rigid in torsion, as the flanks' friction does not act on a twist in front of them. Applying the
+    function to its own result changes nothing.
     """
     lead = 0.5 * p.worm.module * p.worm.starts
     return with_values(COMPOSITION.completed(worm_gear.geared(ops, p), (elastic.TORSIONAL,)), {
@@ -51,8 +51,7 @@ def geared(ops: Ops, p: Any) -> Any:
 
 
 def longest_tick(ops: Ops, p: Any) -> Value:
-    """Return the largest tick [s]: that of a rigid mesh, or a shorter one in which a locked worm's acceleration is
-    unique."""
+    """Return the largest tick [s], at most that of a rigid mesh, in which a locked worm's acceleration is unique."""
     of_rigid, p = worm_gear.longest_tick(ops, p), geared(ops, p)
     line = drive_line.line(ops, p, 0.0)
     return ops.minimum(of_rigid, elastic_stepper.longest_step(ops, p, line, MOST_JAMMING))

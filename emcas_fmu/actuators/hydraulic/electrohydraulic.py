@@ -7,8 +7,8 @@ A check valve refills a chamber below the tank's pressure. If it cannot do so in
 0 until the inflow exceeds the volume that the piston sweeps. The volume of the void is neglected.
 
 Events (:mod:`emcas_fmu.steppers.events`): the fin starts, comes to rest or meets a stop, the spool reaches the end of
-its stroke or its largest speed, a check valve opens or closes, a void forms. The end of a void is not an event, as no
-rate jumps there.
+its stroke, or reaches or leaves its largest speed, a check valve opens or closes, a void forms. The end of a void is
+not an event, as no rate jumps there.
 """
 
 from __future__ import annotations
@@ -99,8 +99,8 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 def feed_forward(ops: Ops, p: Any, motion: Motion, memory: Value) -> tuple[Ahead, Value, Value]:
     """Return the feed-forward of a motion of the fin, the unchanged memory, and the delay [s] with the spool's lag.
 
-    The speed [m/s] is that at the rated pressure: without load the drop at an edge is the start pressure less the
-    tank's.
+    The speed [m/s] refers to the valve's rated pressure; without load the drop at an edge is the start pressure minus
+    the tank's.
     """
     share = ops.sqrt(0.5 * p.valve.rated_pressure / ops.maximum(p.cylinder.start_pressure - p.tank.pressure, 1.0))
     speed = share * fluid_power.piston_motion(ops, p, motion)[0]

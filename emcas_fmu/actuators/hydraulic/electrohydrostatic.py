@@ -7,9 +7,9 @@ reference follows from that of the piston's speed as in a pump without leakage:
 
     w_ref = A/D v_ref        u = clip(K_v (w_ref - w) + u_fc, +-u_max)
 
-The position loop's integral is also held while the drive cannot follow u. u_fc is the feed-forward of the Coulomb
-friction of pump, piston and fin (:func:`emcas_fmu.control.controllers.fed_forward`), that without load, as no pressure
-is measured.
+The position loop's integral is also held while the drive cannot follow u. u_fc feeds the Coulomb friction of pump,
+piston and fin forward (:func:`emcas_fmu.control.controllers.fed_forward`): the friction without load, as no pressure is
+measured.
 
 Without `enable` the bridge opens, and friction and leakage of the pump hold the fin, unless the bypass valve opens.
 
@@ -118,7 +118,7 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 
 
 def feed_forward(ops: Ops, p: Any, motion: Motion, integral: Value) -> tuple[Ahead, Value, Value]:
-    """Return the feed-forward of a motion of the fin with stiff oil, as :func:`.controllers.feed_forward` does."""
+    """Return the feed-forward of a motion of the fin with stiff oil; see :func:`.controllers.feed_forward`."""
     per_speed = p.pump.displacement / p.cylinder.area
     piston, piston_acceleration = fluid_power.piston_motion(ops, p, motion)
     speed, acceleration = piston / per_speed, piston_acceleration / per_speed
@@ -128,7 +128,7 @@ def feed_forward(ops: Ops, p: Any, motion: Motion, integral: Value) -> tuple[Ahe
     reference, integral = drive.inverse(p, (torque + p.pump.viscous_friction * speed) / p.motor.torque_constant, speed,
                                         integral)
     late = p.drive.transport_delay + drive.lag(p)
-    return Ahead(piston - piston_acceleration * late, reference), integral, late  # the speed when it is reached
+    return Ahead(piston - piston_acceleration * late, reference), integral, late  # speed of the delayed motion
 
 
 def _dry_at_motor(ops: Ops, p: Any, fin_angle: Value) -> Value:
@@ -191,14 +191,14 @@ def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
-    def borne(pressure: Value, void: Value) -> Value:
-        # A void begins at zero volume: under its modulus an overshoot of the pressure would be thousands of times as
-        # much.
+    def floored(pressure: Value, void: Value) -> Value:
+        # A void begins with a volume of 0, at exactly this pressure: under its soft modulus an undershoot would be a
+        # volume thousands of times as large.
         return ops.where(void, pressure, ops.maximum(pressure, p.oil.cavitation_pressure))
 
     shaft = ops.both(ops.negate(ops.equal(m.shaft.direction, 0.0)), events["shaft"])
     return {**fin.landed(ops, p, begin, x, m, events),
-            "pressure_1": borne(x.pressure_1, m.valves.void_1), "pressure_2": borne(x.pressure_2, m.valves.void_2),
+            "pressure_1": floored(x.pressure_1, m.valves.void_1), "pressure_2": floored(x.pressure_2, m.valves.void_2),
             "motor_speed": stick.speed_after(ops, m.shaft, begin.motor_speed, x.motor_speed, shaft),
             "drive_integral": electrical.integral_end(ops, p, m.drive, x)}
 

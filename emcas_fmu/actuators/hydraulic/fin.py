@@ -36,7 +36,7 @@ def margins(ops: Ops, p: Any, x: Record, m: Record) -> Values:
 
 
 def landed(ops: Ops, p: Any, begin: Record, x: Record, m: Record, events: Values) -> Values:
-    """Return the fin's states at the end of a step from `begin`, at rest or at a stop if that is what ended it."""
+    """Return the fin's states at the end of a step from `begin`; an event leaves the fin at rest, or at its stop."""
     angle, rate = stick.landed(ops, m.fin, p.fin.stop_angle, (begin.fin_angle, begin.fin_rate),
                                (x.fin_angle, x.fin_rate), events["fin"], events["stop"])
     return {"fin_rate": rate, "fin_angle": angle}

@@ -31,8 +31,8 @@ HINGE = port(measured_fin_angle="fin angle that the controllers read from the tr
 def friction(coulomb: tuple[str, ...] = (), viscous: tuple[str, ...] = ()) -> Group:
     """Return the group of friction about the hinge, with deviations of fin and friction.
 
-    These also scale the parameters named. Parameters of oil, cylinder and line need no deviations, as the controllers
-    do not use them: they are varied themselves.
+    The deviations of friction also scale the parameters `coulomb` and `viscous`. Other parameters of oil, cylinder and
+    line have no deviations: studies vary them directly, as the feedback uses none of them but cylinder.area.
     """
     return Group(only((*groups.HINGE.parameters, *groups.HINGE_FRICTION.parameters), "friction."), deviations=(
         as_built.FIN, as_built.COULOMB.scaling(*mechanics.HINGE_DRY, "cylinder.coulomb_friction", *coulomb),
@@ -49,7 +49,7 @@ def _stroke(ops: Ops, p: Any, share: Value) -> tuple[Value, ...]:
 
 
 def filled_cylinder(least: float = -inf) -> Group:
-    """Return the group of cylinder, oil and transducer; `least` is the least pressure [Pa] in a chamber."""
+    """Return the group of cylinder, oil and transducer; `least` is the smallest possible pressure [Pa] of a chamber."""
     return Group((
         parameter("cylinder.area", "m2", 1e-7, 1.0, "area of the piston on each side, A",
                   sheet="cylinder: effective piston area"),
@@ -89,7 +89,7 @@ def composed(moment: Callable[[Ops, Any, Record, PlantInputs], tuple[Any, Record
 
 
 def initial(ops: Ops, p: Any, start: Record, pressure: Value) -> Values:
-    """Return the states of fin, chambers, both at a `pressure` [Pa], and controller at rest at a fin angle."""
+    """Return the states at rest at a fin angle, with both chambers at a `pressure` [Pa]."""
     measured = fluid_power.measured(ops, p, start.fin_angle)
     return {"fin_angle": start.fin_angle, "pressure_1": pressure, "pressure_2": pressure,
             "integral": fluid_power.at_rest(ops, p, measured),
