@@ -1,1 +1,1 @@
-"""Extensions of actuators, in the model's name behind a +: each is a module with its EXTENSION."""
+"""Extensions of actuators, named after a + in a model's name; the module of an extension defines EXTENSION."""

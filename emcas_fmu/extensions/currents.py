@@ -37,7 +37,7 @@ def time_constant(ops: Ops, q: Any, x: Record, u: PlantInputs, h: Value) -> Valu
 def lossy_resistance(ops: Ops, actuator: Actuator, p: Any, x: Record, u: PlantInputs) -> Value:
     """Return the resistance [Ohm] that turns the square of the motor current into heat.
 
-    It is the winding's; while the diodes of an open bridge conduct, a larger one.
+    It is the winding's, or a larger one while the diodes of an open bridge conduct.
     """
     if not p.structure.inverter:
         return p.motor.resistance
@@ -50,7 +50,8 @@ def mean_square(ops: Ops, actuator: Actuator, p: Any, x: Record, u: PlantInputs,
                 ) -> Value:
     """Return the mean of i^2 [A^2] over the `used` [s] of a step of `h` [s] from `x` to `moved`.
 
-    The current between the ends is an exponential, or a line if the equations of the drive do not step it.
+    The course of the current is an exponential, a line if the equations of the drive do not step it, and constant with
+    an ideal current loop.
     """
     current = flowing(ops, actuator, p, x, u)
     if capabilities.DRIVE_STEP not in actuator.provides:

@@ -1,6 +1,6 @@
 """Efficiency of the screw in forward and backward drive (:mod:`emcas_fmu.physics.screw`), and the output `screw_loss`.
 
-Steps follow from the parameters alone.
+The steppers read the efficiencies themselves: the extension does not change the step.
 """
 
 from __future__ import annotations

@@ -23,18 +23,19 @@ from .status import OPERATIONAL
 
 # Longest delay of a command, in sample times; each of them needs a state.
 LONGEST_COMMAND_DELAY = 50
-MOST = 31  # bits of an Integer
+MOST = 31  # largest number of flags in an Integer
 _SLACK = 1e-6  # of a sample time: rounding does not delay a fault that begins at a sample
 _HEAVY = 1e9  # kg.m2: the inertia of a blocked rotor or fin
-_LEAST_SUPPLY = 1e-9  # smallest share of the supply by which a power is divided: an ideal drive works at 0 V, too
-_STUB = 1e-3  # share of the fin's inertia that remains at the fork, since some actuators divide by it
+_LEAST_SUPPLY = 1e-9  # smallest share of the supply by which a power is divided; an ideal drive consumes power at 0 V
+_STUB = 1e-3  # share of the fin's inertia that remains at a fork without fin: some actuators divide by this inertia
 
 
 @dataclass(frozen=True)
 class Fault:
     """A general fault: its description and the parameters of its amounts.
 
-    The actuator has to provide one of the capabilities in `needs`, if there are any, and a supply if it is `of_supply`.
+    The actuator must provide one of the capabilities in `needs`, if there are any; for a fault `of_supply` it must have
+    a supply.
     """
 
     name: str
@@ -48,7 +49,7 @@ FULL_REFERENCE: dict[str, Callable[[Any], Value]] = {
     capabilities.REFERENCE_LIMIT: lambda p: p.drive.reference_limit,
     capabilities.COMMAND_REFERENCE: lambda p: p.fin.stop_angle,
     capabilities.DUTY_REFERENCE: lambda p: p.pwm.limit / p.pwm.full}
-"""The largest reference of the controllers, by the capability that says which quantity it is."""
+"""The largest reference of the controllers, by the capability that names the quantity of the reference."""
 FAULTS = (
     Fault("jam", "the drive line is blocked"),
     Fault("free_fin", "the shaft is broken between fork and fin, permanently: the fin floats",
@@ -99,12 +100,12 @@ def general(actuator: Actuator) -> tuple[Fault, ...]:
 def possible(actuator: Actuator) -> tuple[Fault | PlantFault, ...]:
     """Return the faults an actuator can have, in the order of their bits."""
     faults: tuple[Fault | PlantFault, ...] = (*general(actuator), *actuator.faults)
-    there = {fault.name: fault for fault in faults}
-    return tuple(there[name] for name in bits(actuator) if name in there)
+    by_name = {fault.name: fault for fault in faults}
+    return tuple(by_name[name] for name in bits(actuator) if name in by_name)
 
 
 def bits(actuator: Actuator) -> tuple[str, ...]:
-    """Return the names of the bits of an actuator's `fault_word`, the lowest first: all general faults, then its own.
+    """Return the names of the bits of an actuator's `fault_word`, the lowest first: general faults, then its own.
 
     Raises EmcasError for more faults than bits.
     """
@@ -129,23 +130,20 @@ def parameters(fault: Fault | PlantFault) -> tuple[Variable, ...]:
 
 def active(ops: Ops, p: Any, faults: Iterable[Fault | PlantFault], time: Value) -> dict[str, Value]:
     """Return by name whether each fault is active in a sample at `time` [s]: switched on or scheduled."""
-    late = time + _SLACK * p.controller.sample_time
-
-    def now(name: str) -> Value:
-        fault = getattr(p.fault, name)
-        return ops.either(fault.active, ops.both(late >= fault.begin, late < fault.end))
-
-    return {fault.name: now(fault.name) for fault in faults}
+    instant = time + _SLACK * p.controller.sample_time
+    named = ((fault.name, getattr(p.fault, fault.name)) for fault in faults)
+    return {name: ops.either(fault.active, ops.both(instant >= fault.begin, instant < fault.end))
+            for name, fault in named}
 
 
 def word(ops: Ops, names: tuple[str, ...], on: Mapping[str, Value]) -> Value:
-    """Return the word with a bit, by :func:`bits`, for each active fault that the actuator can have."""
+    """Return `fault_word`, in which `names` are the bits, for the faults that are active according to `on`."""
     return reduce(lambda total, name: total + ops.where(on[name], float(2**names.index(name)), 0.0),
                   (name for name in names if name in on), 0.0)
 
 
-class Held(NamedTuple):
-    """Results of a sample that steps use: amounts of the active faults, and outputs; `acting` is 0 without a fault."""
+class FaultStates(NamedTuple):
+    """States that samples set: `acting`, 1 if a fault of the plant is active; amounts of these faults; outputs."""
 
     acting: Value
     jam: Value
@@ -162,12 +160,15 @@ class Held(NamedTuple):
     verdict: Value
 
 
-SOUND = Held(0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, OPERATIONAL)
+SOUND = FaultStates(0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, OPERATIONAL)
 
 
-def faulted(ops: Ops, p: Any, actuator: Actuator, f: Held, declared: Mapping[str, Value], x: Record, h: Value) -> Any:
-    """Return the parameters of the faulty plant for a step of `h` [s] from `x`; `declared` is above 0 for active faults
-    of the actuator's kind."""
+def faulted(ops: Ops, p: Any, actuator: Actuator, f: FaultStates, declared: Mapping[str, Value], x: Record, h: Value
+            ) -> Any:
+    """Return the parameters of the faulty plant for a step of `h` [s] from `x`.
+
+    `declared` contains, by name, a value above 0 for each active fault that the actuator declares.
+    """
     changes: dict[str, Value] = {}
     if capabilities.SCREW_DRIVE in actuator.provides:
         changes |= _of_screw_drive(ops, p, f)
@@ -185,7 +186,7 @@ def faulted(ops: Ops, p: Any, actuator: Actuator, f: Held, declared: Mapping[str
     return q
 
 
-def _of_screw_drive(ops: Ops, p: Any, f: Held) -> dict[str, Value]:
+def _of_screw_drive(ops: Ops, p: Any, f: FaultStates) -> dict[str, Value]:
     broken = f.free > 0.0
     friction = p.friction
     return {
@@ -203,24 +204,24 @@ def _of_screw_drive(ops: Ops, p: Any, f: Held) -> dict[str, Value]:
     }
 
 
-def _of_winding(ops: Ops, p: Any, f: Held, x: Record, h: Value) -> Any:
+def _of_winding(ops: Ops, p: Any, f: FaultStates, x: Record, h: Value) -> Any:
     """Return the plant's parameters with failed windings: shorted at the speed of `x`, or open at mid-step's angle.
 
     The speed at mid-step would need the torque of the step. The switches that short the terminals have no dead time;
-    two phases in series have that of both.
+    two phases in series have the dead time of both.
     """
     short, lost = p.fault.winding_short, p.fault.phase_loss
     angle = x.motor_angle + 0.5 * h * x.motor_speed - lost.angle
-    in_series, still = ({"inverter.dead_time": share * p.inverter.dead_time} if p.structure.inverter else {}
+    in_series, without_switching = ({"inverter.dead_time": share * p.inverter.dead_time} if p.structure.inverter else {}
                         for share in (inverter.IN_SERIES, 0.0))
     p = with_values_where(ops, f.phase > 0.0, p, {
         **winding.single_phase(ops, p, lost.pole_pairs, angle), **in_series})
     return with_values_where(ops, f.shorted > 0.0, p, {
-        **winding.shorted(p, short.pole_pairs, x.motor_speed), **still})
+        **winding.shorted(p, short.pole_pairs, x.motor_speed), **without_switching})
 
 
 def _under(ops: Ops, p: Any, fault: PlantFault, amounts: Any, on: Value) -> Any:
-    """Return the plant's parameters with a fault that the actuator declares if it is `on`, otherwise `p`."""
+    """Return the plant's parameters under a fault that the actuator declares; without the fault, which is `on`, `p`."""
     before: dict[str, Value] = {}
 
     def acting() -> tuple[Value, ...]:
@@ -228,8 +229,8 @@ def _under(ops: Ops, p: Any, fault: PlantFault, amounts: Any, on: Value) -> Any:
         before.update((name, _value(p, name, fault)) for name in changes)
         for name, value in changes.items():
             if not _alike(value, before[name]):
-                raise EmcasError(f"{location(fault.changes)} returns {name} = {value!r}; return what the parameter is: "
-                                 "a number, or a tuple of the same length")
+                raise EmcasError(f"{location(fault.changes)} returns {name} = {value!r}; return a number or, for an "
+                                 "array, a tuple of the same length")
         return _flat(changes.values())
 
     # With floats only one function is called: if the fault is off, `before` is empty, and nothing changes.
@@ -263,8 +264,8 @@ def _value(p: Any, name: str, fault: PlantFault) -> Value:
 def blocked(ops: Ops, p: Any, actuator: Actuator, u: PlantInputs, jam: Value) -> tuple[Any, PlantInputs]:
     """Return parameters and inputs of the plant with which a jammed fin is blocked during a step.
 
-    They change for an actuator without screw drive whose encoder reads the fin and on which forces act: its fin gets a
-    huge inertia and does not turn with the vehicle. :func:`standing` removes the small motion that remains.
+    They only change if the encoder reads the fin and loads move the fin: the fin then gets a huge inertia, and does not
+    turn with the vehicle. :func:`standing` removes the small motion that remains.
     """
     other = {capabilities.SCREW_DRIVE, capabilities.COMMAND_REFERENCE} & actuator.provides
     if other or actuator.encoder[0] != "fin_angle":
@@ -273,8 +274,8 @@ def blocked(ops: Ops, p: Any, actuator: Actuator, u: PlantInputs, jam: Value) ->
     return with_values(p, {"inertia.fin": ops.where(jam, _HEAVY, p.inertia.fin)}), u.replace(**still)
 
 
-def acting(ops: Ops, p: Any, actuator: Actuator, f: Held, u: PlantInputs) -> PlantInputs:
-    """Return the inputs of the faulty plant: supply, bridge, load, and the current limit that it has without faults."""
+def acting(ops: Ops, p: Any, actuator: Actuator, f: FaultStates, u: PlantInputs) -> PlantInputs:
+    """Return the inputs of the faulty plant: supply, bridge, loads, and the current limit without faults."""
     changes = {}
     if actuator.supply is not None:
         changes["supply"] = f.supply * u.supply
@@ -287,8 +288,8 @@ def acting(ops: Ops, p: Any, actuator: Actuator, f: Held, u: PlantInputs) -> Pla
     return u.replace(**changes)
 
 
-def at_line(ops: Ops, f: Held, power: Value) -> Value:
-    """Return the power [W] from the supply for a `power` [W] of the actuator behind the drop of a brown-out.
+def at_line(ops: Ops, f: FaultStates, power: Value) -> Value:
+    """Return the power [W] from the supply for the `power` [W] that an actuator consumes behind a brown-out's drop.
 
     Current or flow is the same on both sides of the drop, which dissipates the difference. Power that the actuator
     returns reaches the supply unchanged.
@@ -297,8 +298,11 @@ def at_line(ops: Ops, f: Held, power: Value) -> Value:
     return ops.branch(consumes, lambda: (power / ops.maximum(f.supply, _LEAST_SUPPLY),), lambda: (power,))[0]
 
 
-def returned_charge(ops: Ops, f: Held, before: Value, after: Value) -> Value:
-    """Return the charge [A.s] from the supply for that behind a brown-out; returned power is unchanged."""
+def returned_charge(ops: Ops, f: FaultStates, before: Value, after: Value) -> Value:
+    """Return the charge [A.s] from the supply after a step, which changes it from `before` to `after` behind the drop.
+
+    Returned power reaches the supply unchanged, as a smaller charge at a higher voltage.
+    """
     gained = after - before
     return before + ops.where(gained < 0.0, f.supply * gained, gained)
 
@@ -312,7 +316,7 @@ def standing(ops: Ops, actuator: Actuator, x: Record, jam: Value, then: Record |
     return x.replace(**changes)
 
 
-def without_loop(ops: Ops, actuator: Actuator, x: Record, f: Held) -> Record:
+def without_loop(ops: Ops, actuator: Actuator, x: Record, f: FaultStates) -> Record:
     """Return the states; with shorted terminals the integral of the current loop is 0."""
     if capabilities.PHASES not in actuator.provides:
         return x

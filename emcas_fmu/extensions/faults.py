@@ -5,7 +5,7 @@ trajectories are those of the actuator, bit for bit. The encoder reads
 
     seen = angle + offset + bias        offset += gain (moved - share max(moved, 0)) - moved
 
-`moved` is the motion since the last sample, the gain is 0 while the encoder is frozen and -1 while it is reversed, and
+`moved` is the motion since the last sample, `gain` is 0 while the encoder is frozen, -1 while it is reversed, else 1;
 `share` is the lost part of the counts of positive motion. Motion that the encoder has missed remains missing, as in an
 incremental encoder. A jam blocks the rotor; behind an elastic drive line the fin may still move. A broken shaft
 (:mod:`emcas_fmu.physics.free_fin`) and a grown gap last until reset. The faults that an actuator declares for its kind
@@ -30,7 +30,7 @@ from ..rules import SLACK, Rule, rule, when
 from ..variables import Variable, integer_output, with_outputs
 from . import fault_list, monitors
 from .declaration import Extension, also_read
-from .fault_list import SOUND, Held, acting, at_line, blocked, faulted, returned_charge, standing, without_loop
+from .fault_list import SOUND, FaultStates, acting, at_line, blocked, faulted, returned_charge, standing, without_loop
 from .pole_pairs import one_motor
 from .status import DISABLED, OPERATIONAL, STATUS
 
@@ -46,14 +46,12 @@ _BROKEN = (State("fin_broken_off"), State("broken_fin_angle", "rad"), State("bro
 # Faults of the plant that end with their cause.
 _OF_PLANT = ("jam", "free_fin", "drive_loss", "current_derating", "brown_out", "friction_rise", "winding_short",
              "phase_loss")
-_HELD = tuple(f"fault_{name}" for name in Held._fields)
-_SOUND = tuple(State(name, start=value) for name, value in zip(_HELD, SOUND, strict=True))
-_WAITING = tuple(f"command_{i + 1}_ago" for i in range(fault_list.LONGEST_COMMAND_DELAY))
+_FAULT_STATES = tuple(f"fault_{name}" for name in FaultStates._fields)
+_EARLIER_COMMANDS = tuple(f"command_{i + 1}_ago" for i in range(fault_list.LONGEST_COMMAND_DELAY))
 
 
-class _Kept(NamedTuple):
-    """Number of `samples`, and from the last one the encoder's `angle` and `offset`, command, measured angle and the
-    angle of the monitors' model [rad]."""
+class _LastSample(NamedTuple):
+    """Number of `samples`, and values of the last one [rad]; `angle` and `offset` are those of the encoder."""
 
     samples: Value
     angle: Value
@@ -63,11 +61,11 @@ class _Kept(NamedTuple):
     modelled: Value
 
 
-_KEPT = tuple(f"last_{name}" for name in _Kept._fields)
+_LAST_SAMPLE = tuple(f"last_{name}" for name in _LastSample._fields)
 
 
 def _picked(ops: Ops, samples: Value, values: Sequence[Value]) -> Value:
-    """Return the value from a number of samples ago; `values` begin with the present one."""
+    """Return the value a number of samples ago, or the oldest one; `values` begin with the present value."""
     chosen = values[-1]
     for i in reversed(range(len(values) - 1)):
         chosen = ops.where(samples < i + 0.5, values[i], chosen)
@@ -75,33 +73,34 @@ def _picked(ops: Ops, samples: Value, values: Sequence[Value]) -> Value:
 
 
 def extend(actuator: Actuator) -> Actuator:
-    """Return the actuator with faults and monitors; see the module's docstring."""
+    """Return the actuator with faults and monitors."""
     faulty = _Faulty(actuator)
     word = _word(FAULT_WORD, "faults active", faulty.bits)
-    sampled = (*_KEPT, *faulty.counters, *faulty.flags, *_WAITING)
+    sampled = (*_LAST_SAMPLE, *faulty.counters, *faulty.flags, *_EARLIER_COMMANDS)
+    sound = (State(name, start=value) for name, value in _named(_FAULT_STATES, SOUND).items())
     return replace(
         actuator, states=(*actuator.states, *faulty.broken),
         controllers_read=also_read(actuator, *faulty.read, "supply"),
         controller_states=(*actuator.controller_states, *map(State, sampled)),
-        sampled_states=(*actuator.sampled_states, *_SOUND, *map(State, faulty.of_kind.values())),
+        sampled_states=(*actuator.sampled_states, *sound, *map(State, faulty.of_kind.values())),
         outputs=with_outputs(actuator.outputs, (STATUS, word, BUILT_IN_TEST)),
         initial=faulty.initial, sample=faulty.sample, step=faulty.step, output_values=faulty.output_values)
 
 
 class _Faulty:
-    """The functions of an actuator with faults and monitors, which call those of the actuator without."""
+    """The functions of an actuator with faults and monitors; they call those of the `actuator` without."""
 
     def __init__(self, actuator: Actuator) -> None:
         self.actuator, self.has_status = actuator, STATUS in actuator.outputs
-        # The encoder may be on motor or fin, and the fin may break off.
+        # Behind a gear the encoder may be on motor or fin, and the fin may break off.
         self.geared = capabilities.SCREW_DRIVE in actuator.provides
         self.broken = _BROKEN if self.geared else ()
         self.faults, self.watched = fault_list.general(actuator), monitors.possible(actuator)
         self.bits = fault_list.bits(actuator)
-        # The monitors read the motor's current.
-        self.read = (actuator.encoder[1], *(s.name for s in (*actuator.states, *self.broken)
-                                            if s in self.broken or s.name == "motor_current"))
-        # Names of states: activity of each fault of the actuator's kind; counter and flag of each monitor.
+        # States that samples read: for the encoder, the monitors and a fin that has broken off.
+        self.read = (actuator.encoder[1], *(s.name for s in actuator.states if s.name == "motor_current"),
+                     *(s.name for s in self.broken))
+        # Names of states: activity of each declared fault; counter and flag of each monitor.
         self.of_kind = {fault.name: f"plant_fault_{fault.name}" for fault in actuator.faults}
         self.counters, self.flags = (tuple(f"{monitor.name}_{kind}" for monitor in self.watched)
                                      for kind in ("counter", "flag"))
@@ -112,33 +111,36 @@ class _Faulty:
         begun = actuator.start(ops, p, start.fin_angle, start.encoder_offset)
         measured = begun["measured_fin_angle"]
         turned = self._encoder(ops, actuator.plant_parameters(ops, p), actuator.position(ops, p, Record(**begun)))
-        kept = _Kept(0.0, turned, 0.0, p.fin.start_angle, measured, measured)
-        return {**begun, **_named(_KEPT, kept), **dict.fromkeys(_WAITING, p.fin.start_angle), **_named(_HELD, SOUND)}
+        last = _LastSample(0.0, turned, 0.0, p.fin.start_angle, measured, measured)
+        return {**begun, **_named(_LAST_SAMPLE, last), **dict.fromkeys(_EARLIER_COMMANDS, p.fin.start_angle),
+                **_named(_FAULT_STATES, SOUND)}
 
     def sample(self, ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-        """Return the result of a sample: reference and states of controllers with faults, states of monitors."""
+        """Return the result of a sample by name, with the states of faults and monitors."""
         actuator = self.actuator
         q = actuator.equation_parameters(ops, p)
-        k, before, line = _Kept(*_of(x, _KEPT)), Held(*_of(x, _HELD)), _of(x, _WAITING)
-        time = k.samples * p.controller.sample_time
-        there = fault_list.active(ops, p, self.faults, time)
-        on = {**{fault.name: False for fault in fault_list.FAULTS}, **there}
-        kinds = fault_list.active(ops, p, actuator.faults, time)
+        last, before = _LastSample(*_of(x, _LAST_SAMPLE)), FaultStates(*_of(x, _FAULT_STATES))
+        earlier_commands = _of(x, _EARLIER_COMMANDS)
+        time = last.samples * p.controller.sample_time
+        general = fault_list.active(ops, p, self.faults, time)
+        on = {**{fault.name: False for fault in fault_list.FAULTS}, **general}
+        declared = fault_list.active(ops, p, actuator.faults, time)
         for fault in actuator.faults:
             if fault.lasting:
-                kinds[fault.name] = ops.either(kinds[fault.name], getattr(x, self.of_kind[fault.name]) > 0.0)
+                declared[fault.name] = ops.either(declared[fault.name], getattr(x, self.of_kind[fault.name]) > 0.0)
 
-        angle, offset, seen, turned = self._seen(ops, p, x, inputs, k, on)
+        angle, offset, seen, turned = self._seen(ops, p, x, inputs, last, on)
         late = ops.floor(p.fault.command_delay.time / p.controller.sample_time + 0.5)
-        arriving = ops.where(on["command_delay"], _picked(ops, late, (inputs.command, *line)), inputs.command)
-        command = ops.where(on["command_freeze"], k.command, arriving)
+        arriving = ops.where(on["command_delay"], _picked(ops, late, (inputs.command, *earlier_commands)),
+                             inputs.command)
+        command = ops.where(on["command_freeze"], last.command, arriving)
 
         now = self._amounts(ops, p, before, on)
         acts = ops.either(before.free > 0.0, now.gap > 0.0)
-        for active in (*(on[name] for name in _OF_PLANT), *kinds.values()):
+        for active in (*(on[name] for name in _OF_PLANT), *declared.values()):
             acts = ops.either(acts, active)
-        lasting = {"free_fin": now.free > 0.0, "backlash_growth": now.gap > 0.0}  # permanent
-        shown = {**there, **{name: still for name, still in lasting.items() if name in there}, **kinds}
+        permanent = {"free_fin": now.free > 0.0, "backlash_growth": now.gap > 0.0}
+        shown = {**general, **{name: still for name, still in permanent.items() if name in general}, **declared}
 
         supply = now.supply * inputs.supply
         sampled = actuator.sampled(ops, p, x.replace(**turned),
@@ -155,21 +157,22 @@ class _Faulty:
         watching = ops.both(inputs.enable, ops.equal(self._status(ops, p, x, here), OPERATIONAL))
         has_current = capabilities.MOTOR_CURRENT in actuator.provides
         seen_by = monitors.Watched(
-            command, sampled["measured_fin_angle"], k.measured, k.modelled, reference,
+            command, sampled["measured_fin_angle"], last.measured, last.modelled, reference,
             actuator.motor_current(ops, p, x, here) if has_current else 0.0, supply, watching)
         modelled = monitors.modelled(ops, p, monitors.response(p, actuator), seen_by)
         counted, tripped = monitors.judged(ops, q, self.watched, modelled, _of(x, self.counters), _of(x, self.flags),
                                            seen_by)
         now = now._replace(acting=ops.where(acts, 1.0, 0.0), faults=fault_list.word(ops, self.bits, shown),
                            built_in_test=monitors.word(self.watched, tripped), verdict=monitors.verdict(ops, tripped))
-        kept = _Kept(k.samples + 1.0, angle, offset, command, sampled["measured_fin_angle"], modelled)
-        return {**sampled, "reference": reference, **_named(_KEPT, kept), **_named(self.counters, counted),
-                **_named(self.flags, tripped), **_named(_WAITING, (inputs.command, *line[:-1])), **_named(_HELD, now),
-                **{self.of_kind[name]: ops.where(kind, 1.0, 0.0) for name, kind in kinds.items()}}
+        this = _LastSample(last.samples + 1.0, angle, offset, command, sampled["measured_fin_angle"], modelled)
+        return {**sampled, "reference": reference, **_named(_LAST_SAMPLE, this), **_named(self.counters, counted),
+                **_named(self.flags, tripped),
+                **_named(_EARLIER_COMMANDS, (inputs.command, *earlier_commands[:-1])), **_named(_FAULT_STATES, now),
+                **{self.of_kind[name]: ops.where(active, 1.0, 0.0) for name, active in declared.items()}}
 
     def step(self, ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
         """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
-        actuator, f = self.actuator, Held(*_of(u, _HELD))
+        actuator, f = self.actuator, FaultStates(*_of(u, _FAULT_STATES))
         names, broken = [s.name for s in actuator.states], [s.name for s in self.broken]
 
         def sound() -> tuple[Value, ...]:
@@ -195,7 +198,7 @@ class _Faulty:
 
     def output_values(self, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         """Return the outputs, with those of faults and monitors."""
-        actuator, f = self.actuator, Held(*_of(u, _HELD))
+        actuator, f = self.actuator, FaultStates(*_of(u, _FAULT_STATES))
         q = actuator.plant_parameters(ops, p)
         under, around = self._under(ops, q, f, u, x, 0.0), acting(ops, p, actuator, f, u)
         outputs = dict(actuator.output_values(ops, under, without_loop(ops, actuator, x, f), around))
@@ -211,18 +214,18 @@ class _Faulty:
         return {**outputs, STATUS.name: verdict, FAULT_WORD: f.faults, BUILT_IN_TEST.name: f.built_in_test}
 
     def _encoder(self, ops: Ops, p: Any, angle: Value) -> Value:
-        """Return the angle [rad] of the shaft of the encoder of position, motor or fin, from the actuator's `angle`."""
+        """Return the angle [rad] of the shaft with the encoder of position, from the actuator's `angle` [rad]."""
         return ops.where(p.encoder.on_fin, kinematics.fin_at(ops, p, angle), angle) if self.geared else angle
 
     def _read(self, ops: Ops, p: Any, counted: Value, bias: Value) -> Value:
-        """Return the position [rad] as read for a `counted` angle [rad], with a `bias` [rad] of the fin."""
+        """Return the position [rad] as read for a `counted` angle [rad], with a `bias` [rad] of the fin angle."""
         if not self.geared:
             return counted + bias
         fin = ops.where(p.encoder.on_fin, counted, kinematics.fin_at(ops, p, counted)) + bias
         at_motor = kinematics.motor_angle(ops, p, fin)
         return ops.where(ops.both(ops.equal(bias, 0.0), ops.negate(p.encoder.on_fin)), counted, at_motor)
 
-    def _seen(self, ops: Ops, p: Any, x: Record, inputs: SampleInputs, k: _Kept, on: Mapping[str, Value],
+    def _seen(self, ops: Ops, p: Any, x: Record, inputs: SampleInputs, last: _LastSample, on: Mapping[str, Value],
               ) -> tuple[Value, Value, Value, Values]:
         """Return the encoder's angle and offset [rad], the position [rad] as read, and the states as read, by name."""
         plant = self.actuator.plant_parameters(ops, p)
@@ -231,10 +234,10 @@ class _Faulty:
         off = ops.both(x.fin_broken_off > 0.0, plant.encoder.on_fin) if self.geared else False
         if self.geared:
             angle = ops.where(off, x.broken_fin_angle, angle)
-        moved = angle - k.angle
+        moved = angle - last.angle
         gain = ops.where(on["encoder_freeze"], 0.0, ops.where(on["encoder_reversed"], -1.0, 1.0))
         missed = ops.where(on["encoder_dropped"], p.fault.encoder_dropped.share, 0.0)
-        offset = k.offset + (gain * (moved - missed * ops.maximum(moved, 0.0)) - moved)
+        offset = last.offset + (gain * (moved - missed * ops.maximum(moved, 0.0)) - moved)
         counting = gain * (1.0 - ops.where(speed > 0.0, missed, 0.0))
         wrong = ops.either(ops.either(on["encoder_bias"], ops.negate(ops.equal(offset, 0.0))), off)
         bias = ops.where(on["encoder_bias"], p.fault.encoder_bias.angle, 0.0)
@@ -247,7 +250,7 @@ class _Faulty:
                       for name, counted in turned.items()}
         return angle, offset, seen, turned
 
-    def _amounts(self, ops: Ops, p: Any, before: Held, on: Mapping[str, Value]) -> Held:
+    def _amounts(self, ops: Ops, p: Any, before: FaultStates, on: Mapping[str, Value]) -> FaultStates:
         """Return the amounts of the plant's faults from this sample on; `before` are the amounts of the last sample."""
         def amount(fault: str, name: str, without: float) -> Value:
             active = on[fault]
@@ -266,14 +269,14 @@ class _Faulty:
         """Return the status of the actuator without faults, which does not show a bridge that a fault opens."""
         return self.actuator.plant_outputs(ops, p, x, u)[STATUS.name] if self.has_status else OPERATIONAL
 
-    def _under(self, ops: Ops, q: Any, f: Held, u: PlantInputs, x: Record, h: Value) -> Any:
+    def _under(self, ops: Ops, q: Any, f: FaultStates, u: PlantInputs, x: Record, h: Value) -> Any:
         """Return the plant's parameters `q` with the active faults for a step of `h` [s] from `x`."""
-        kinds = {name: getattr(u, state) for name, state in self.of_kind.items()}
-        return faulted(ops, q, self.actuator, f, kinds, x, h)
+        declared = {name: getattr(u, state) for name, state in self.of_kind.items()}
+        return faulted(ops, q, self.actuator, f, declared, x, h)
 
     def _floating(self, ops: Ops, p: Any, q: Any, x: Record, u: PlantInputs, used: Value) -> tuple[Value, ...]:
         """Return 1 (the fin is broken off), and its angle [rad] and rate [rad/s] after `used` [s]."""
-        f = Held(*_of(u, _HELD))
+        f = FaultStates(*_of(u, _FAULT_STATES))
         rubbing = mechanics.with_hinge_friction(q, f.friction)
         now = self.actuator.plant_outputs(ops, p, x, u)
         whole = ops.equal(x.fin_broken_off, 0.0)
@@ -286,12 +289,12 @@ def _named(names: Iterable[str], values: Iterable[Value]) -> dict[str, Value]:
 
 
 def _of(holder: PlantInputs | Record, names: Iterable[str]) -> list[Value]:
-    """Return the states of these names."""
+    """Return the values of these names."""
     return [getattr(holder, name) for name in names]
 
 
 def _off_shaft(ops: Ops, q: Any, x: Record, u: PlantInputs, outputs: Values) -> Values:
-    """Return the outputs of the fin; after a break those of the part that is broken off."""
+    """Return the outputs of the fin or, if it has broken off, of the free fin."""
     fin, broken = x.broken_fin_angle, x.fin_broken_off > 0.0
     values = {
         "fin_angle": fin, "fin_rate": x.broken_fin_rate,
@@ -305,7 +308,7 @@ def _off_shaft(ops: Ops, q: Any, x: Record, u: PlantInputs, outputs: Values) -> 
 @rule(f"fault.command_delay.time = %.6g s must be at most {fault_list.LONGEST_COMMAND_DELAY} times "
       "controller.sample_time = %.6g s")
 def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    """Check the delay only if it is switched on or scheduled."""
+    """Check the delay only if the fault is switched on or scheduled."""
     late, period = p.fault.command_delay, p.controller.sample_time
     used = ops.either(late.active, late.end > late.begin)
     longest = fault_list.LONGEST_COMMAND_DELAY * period * (1.0 + SLACK)

@@ -54,7 +54,7 @@ def extend(actuator: Actuator) -> Actuator:
         return {**out, **kept}
 
     def feed_forward(ops: Ops, p: Any, motion: Motion, memory: Value) -> tuple[Ahead, Value, Value]:
-        """Return the actuator's feed-forward; its reference acts later by the notch's delay."""
+        """Return the actuator's feed-forward; the reference acts later by the notch's delay."""
         ahead, memory, time = actuator.feed_forward(ops, p, motion, memory)  # type: ignore[misc]  # not None
         return ahead, memory, time + filters.delay(ops, p)
 

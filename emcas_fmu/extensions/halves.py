@@ -49,19 +49,16 @@ def _only(values: Mapping[str, Value], names: Iterable[str]) -> Values:
 
 
 class _Signals:
-    """Signals between the halves, as outputs: the last sample's reference, measured states, states that steps use."""
+    """Signals between the halves, as outputs: reference of the last sample, measured states, sampled states."""
 
     def __init__(self, actuator: Actuator) -> None:
         outputs, states = {v.name: v for v in actuator.limited_outputs}, {s.name: s for s in actuator.states}
         self.reference = outputs.get(actuator.reference_output, real_output(
             actuator.reference_output, "1", "reference of the controllers to the drive", 1.0))
         self.measured = {name: outputs.get(name, _output(states[name])) for name in measured(actuator)}
-        self.held = {s.name: _output(s) for s in actuator.sampled_states}
-
-    @property
-    def terminal(self) -> Terminal:
-        """The terminal of these signals."""
-        return Terminal("coupling", "between controllers and plant", (self.reference.name, *self.measured, *self.held))
+        self.sampled = {s.name: _output(s) for s in actuator.sampled_states}
+        self.terminal = Terminal("coupling", "between controllers and plant",
+                                 (self.reference.name, *self.measured, *self.sampled))
 
 
 def _controller(actuator: Actuator) -> Actuator:
@@ -76,14 +73,14 @@ def _controller(actuator: Actuator) -> Actuator:
 
     def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
         read = {name: getattr(inputs, name) for name in signals.measured}
-        others = {s.name: 0.0 for s in actuator.states}  # some actuators read them, without effect on the result
+        others = {s.name: 0.0 for s in actuator.states}  # read by some actuators, without effect on the result
         x = Record(**{**others, **vars(x), **read})
         level = {} if supply is None else {"supply": getattr(inputs, identifier(supply.input.name))}
         return actuator.sampled(ops, p, x, inputs.replace(**level, position=actuator.position(ops, p, x)))
 
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         return {signals.reference.name: u.sampled_reference, "measured_fin_angle": u.measured_fin_angle,
-                "saturated": u.limited > 0.0, **{name: getattr(u, name) for name in signals.held}}
+                "saturated": u.limited > 0.0, **{name: getattr(u, name) for name in signals.sampled}}
 
     outputs = fin_port.described(
         {"saturated": "a limit of the controllers was active at the last sample"},
@@ -91,7 +88,7 @@ def _controller(actuator: Actuator) -> Actuator:
     return replace(
         actuator, states=(_IDLE,), encoder=(_IDLE.name, _IDLE.name), fin_side=None, supply=None, initial=initial,
         sample=sample, step=lambda ops, p, x, u, h: ({}, h), derivatives=None, output_values=output_values,
-        outputs=(signals.reference, *outputs, *signals.held.values()), provides=frozenset(),
+        outputs=(signals.reference, *outputs, *signals.sampled.values()), provides=frozenset(),
         further_inputs=(*actuator.further_inputs, *line, *map(_input, signals.measured.values())),
         hidden=frozenset(v.name for v in (fin_port.AERO_TORQUE, *fin_port.MOTION, *unused)),
         terminals=(signals.terminal,), longest_tick=lambda ops, p: p.controller.sample_time, transport_delay=None)
@@ -111,14 +108,14 @@ def _plant(actuator: Actuator) -> Actuator:
         return {"reference": getattr(inputs, identifier(signals.reference.name))}
 
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-        # The state, not the output of that name, which may depend on inputs: so the halves form no algebraic loop.
+        # The states instead of outputs with their names, which may depend on inputs: that would be an algebraic loop.
         return {**_only(actuator.output_values(ops, p, x, u), shown), **_only(vars(x), signals.measured)}
 
     return replace(
         actuator, controller_states=(), sampled_states=(), initial=initial, sample=sample, output_values=output_values,
         outputs=fin_port.described({"saturated": "a limit of the plant is active"}, tuple(shown.values())),
         further_inputs=(*actuator.acting_inputs, _input(signals.reference),
-                        *(_input(v, starts[name]) for name, v in signals.held.items())),
+                        *(_input(v, starts[name]) for name, v in signals.sampled.items())),
         provides=frozenset(), hidden=frozenset({fin_port.COMMAND.name}),
         terminals=(*actuator.terminals, signals.terminal))
 

@@ -1,14 +1,14 @@
 """Heat: temperatures of winding and case, which change resistance and torque constant, and the drive's I2t limit.
 
 The equations are those of :mod:`emcas_fmu.physics.heat`. During a step the motor has the temperatures at mid-step,
-predicted from the current at the start; the heat is the loss of the current in the resistance at that temperature. Both
-are of second order in the tick. The current limit errs to the safe side, by less than its change in one tick. The
+predicted from the current at the start; the heat is the loss in the resistance at that temperature. The error of both
+is of second order in the tick. The current limit errs to the safe side, by less than its change in one tick. The
 controllers do not know the temperatures: friction compensation uses the torque constant of the parameters.
 
 The mean of i^2 is that of an exponential course of the current between the ends of a step
-(:mod:`emcas_fmu.steppers.rigid`). With another current loop (linear, ristanovic, ozkan) the ends are the same and the
-course is slightly different. If the motor is not stepped by these equations, the course is a line between the ends:
-also of second order in the tick, which must resolve the winding's time constant.
+(:mod:`emcas_fmu.steppers.rigid`), or of a constant current with an ideal current loop. If the motor is not stepped by
+these equations, the course is a line: the error is also of second order in the tick, which must resolve the winding's
+time constant.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from .declaration import Extension, also_read
 
 STATES = (State("winding_temperature", "degC"), State("case_temperature", "degC"))
 I2T_LOAD = State("i2t_load", "1")
-
 
 PARAMETERS = in_group(
     "heat",
@@ -50,7 +49,7 @@ PARAMETERS = in_group(
               "it has no effect in the simulation", sheet="motor: permitted winding temperature"),
 )
 AMBIENT = replace(tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature"), start=24.0)
-"""The ambient temperature of an actuator that has none."""
+"""The parameter of an actuator that has no ambient temperature without this extension."""
 I2T_PARAMETERS = in_group(
     "heat",
     parameter("continuous_current", "A", 1e-3, 1e4, "current that the drive allows for any time (I2t); at or above "

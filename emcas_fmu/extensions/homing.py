@@ -1,10 +1,10 @@
 """Homing on the hard stops: a drive with an incremental encoder determines the angle of its fin.
 
-At power-on the controllers assume that the fin is at zero: their counts are the true ones plus an offset, minus those
-of fin.start_angle. A rising edge of `home` starts a run (:mod:`emcas_fmu.extensions.homing_run`):
+At power-on the controllers assume that the fin is at zero: the offset of the encoder's counts is minus the true counts
+at fin.start_angle. A rising edge of `home` starts a run (:mod:`emcas_fmu.extensions.homing_run`):
 
     unreferenced -> seeking (one stop) -> crossing (to the other) -> returning (to zero) -> ready
-                    any of them -> failed (wrong travel, no way back, too late) or unreferenced (disabled)
+                    any of these -> failed (wrong travel, way back blocked, timeout) or unreferenced (disabled)
 
 Only a ready actuator follows its command. While it is unreferenced or failed, the drive's bridge is open as if the
 drive were disabled, whatever reference is still in its delay. The thesis also homes its actuator (section 5.3.1, Figure
@@ -46,7 +46,7 @@ PARAMETERS = in_group(
 )
 HOME = boolean_input("home", "a rising edge while enabled and not homing starts a homing run", False)
 HOMED = boolean_output("homed", "the controllers know the fin's angle and follow the command when enabled")
-# s, time to start, to reverse and to settle at zero: an estimate, three times that of a fin without load
+# Time [s] to start, to reverse and to settle at zero: an estimate, three times the time of a fin without load.
 SETTLES = 0.3
 
 
@@ -122,7 +122,7 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
 
 EXTENSION = Extension(
     "homing", "homing on the hard stops", extend,
-    # A motor current pushes against the stop, as far as drive.reference_limit allows `sample`; initial and sample add
+    # A motor current pushes against the stop, and `sample` limits it by drive.reference_limit; initial and sample add
     # encoder_offset to the encoder's counts.
     needs=(capabilities.REFERENCE_LIMIT, capabilities.ENCODER, capabilities.MOTOR_CURRENT, capabilities.POSITION_LOOP),
     parameters=lambda actuator: PARAMETERS, outputs=(STATUS, HOMED), rules=_rules)

@@ -28,7 +28,7 @@ from ..physics import kinematics
 UNKNOWN, SEEKING, CROSSING, RETURNING, READY, FAILED = (float(i) for i in range(6))
 _STILL = 0.1  # share of the target's motion in homing.stall_time; a fin that moves less is at rest
 _WAITS = 0.25  # share of homing.stall_time for which the target still moves while the fin is at rest
-_EDGE = 1.0 - 1e-9  # ratio to a limit at which a value is at the limit, despite rounding
+_EDGE = 1.0 - 1e-9  # share of a limit from which a value is at the limit, despite rounding
 
 
 class Progress(NamedTuple):
@@ -67,7 +67,7 @@ def moving(ops: Ops, phase: Value) -> Value:
 
 
 def run_in_cascade(actuator: Actuator) -> bool:
-    """Return whether the actuator has the shared loops in cascade, whose integrals a run sets."""
+    """Return whether the actuator has the shared loops in cascade; a run sets their integrals."""
     return actuator.provides.issuperset((capabilities.CASCADE, capabilities.SCREW_EQUATIONS))
 
 
@@ -98,7 +98,7 @@ def _way(ops: Ops, p: Any, actuator: Actuator) -> _Way:
 def sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInputs) -> dict[str, Value]:
     """Return the result of a sample by name, with the phase and PROGRESS.
 
-    Outside a run it is the sample of the actuator with the encoder's offset, enabled only in the phase ready.
+    Outside a run it is the actuator's sample with the encoder's offset, enabled in the phase ready only.
     """
     progress = Progress(*(getattr(x, name) for name in PROGRESS))
     edge = ops.both(inputs.home, ops.negate(x.home_before))
@@ -130,7 +130,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     stalled, elapsed = (ops.where(starts, 0.0, x) for x in (g.stalled, g.elapsed))
     seeks, crosses, returns = (ops.equal(phase, x) for x in (SEEKING, CROSSING, RETURNING))
 
-    # The target waits while the fin does not follow: a fin that is released has no distant target to chase.
+    # The target waits while the fin is at rest: a fin that is released then has no distant target to follow.
     speed = p.homing.speed * way.per_angle
     first = ops.where(p.homing.positive_first, speed, -speed)
     rate = ops.where(seeks, first, ops.where(crosses, -first, ops.clip(-target / period, -speed, speed)))

@@ -36,7 +36,7 @@ PARAMETERS = in_group(
 
 
 class _Opposing(NamedTuple):
-    """A voltage [V] against the current's sign, an added resistance [Ohm], and the lossless part of it [Ohm]."""
+    """A voltage [V] against the current, an added resistance [Ohm], and the lossless part of the resistance [Ohm]."""
 
     voltage: Value
     added: Value
@@ -44,9 +44,9 @@ class _Opposing(NamedTuple):
 
 
 class _First(NamedTuple):
-    """A first step: motor speed [rad/s] and current along its sign [A] at start and end, and its time [s].
+    """A first step: its time [s], and motor speed [rad/s] and current [A] at start and end.
 
-    `ratio` is that time over the time constant of the current.
+    The current is positive along the sign of the diodes' current; `ratio` is the time over the current's time constant.
     """
 
     speed: tuple[Value, Value]
@@ -96,7 +96,7 @@ def extend(actuator: Actuator) -> Actuator:
         side = conducting(ops, q, x, u)
 
         def predicted() -> tuple[Value, ...]:
-            """Return voltage and resistance against the current in the step, and the longest time of the step [s]."""
+            """Return the values of :class:`_Opposing` at the step's means, and the longest time of the step [s]."""
             mode = electrical_mode(ops, q, x, u, h)
             final = inverter.settled(ops, q, u.supply, mode.source - drive.back_emf(q, x.motor_speed), mode.loop)
             expected = course.mean(ops, start, final + (start - final) * ops.exp(-h / mode.tau), h / mode.tau)
@@ -130,10 +130,10 @@ def extend(actuator: Actuator) -> Actuator:
             electrical = actuator.output_values(ops, *acting(ops, q, x, u, side, against))
             return tuple(electrical[name] for name in names)
 
-        current, torque, voltage, drawn = ops.branch(ops.negate(ops.equal(side, 0.0)), through_diodes,
-                                                     lambda: tuple(shown[name] for name in names))
+        current, torque, voltage, consumed = ops.branch(ops.negate(ops.equal(side, 0.0)), through_diodes,
+                                                        lambda: tuple(shown[name] for name in names))
         dropped = against.lossless * current
-        return {**shown, **dict(zip(names, (current, torque, voltage - dropped, drawn - dropped * current),
+        return {**shown, **dict(zip(names, (current, torque, voltage - dropped, consumed - dropped * current),
                                     strict=True))}
 
     return replace(actuator, structure=replace(actuator.structure, inverter=True), step=step,

@@ -6,13 +6,13 @@
 after Canudas de Wit, Olsson, Astrom and Lischinsky (1995), "A new model for control of systems with friction", IEEE
 Transactions on Automatic Control 40 (3), 419-425, in addition to the viscous friction; C_f is the dry friction about
 the hinge. The power of friction minus the rate of sigma_0 z^2/2 is a quadratic form of dz/dt and z, which is never
-negative if sigma_1 |w| <= 4 g. With a damping that fades with speed q = sigma_1(w) |w|/g < 1 for any sigma_1, and then
+negative if sigma_1 |w| <= 4 g. As the damping fades with speed, q = sigma_1(w) |w|/g < 1 for any sigma_1, and
 
     torque = (1 - q) sigma_0 z + q g sgn w
 
 is between the bristles' spring torque and sliding friction: it never exceeds the largest g on the way, not even at a
 reversal. Without friction, g = 0, bristles slip at once and transmit nothing. :mod:`emcas_fmu.steppers.lugre` solves
-it.
+these equations.
 """
 
 from __future__ import annotations

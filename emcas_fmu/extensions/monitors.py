@@ -79,7 +79,7 @@ MONITORS = (
         tunable("stall_share", "1", 0.0, 1.0, "share of drive.reference_limit from which a fin at rest is stalled"),
         tunable("stall_rate", "rad/s", 0.0, 100.0, "measured rate below which the fin counts as at rest")),
         (capabilities.REFERENCE_LIMIT,)),
-    # The drive's reference is older by the transport delay, which persistence has to cover.
+    # The current follows a reference that is older by the transport delay: persistence must exceed this delay.
     Monitor("drive", "the current does not follow its reference", lambda ops, p, w, angle: ops.fabs(
         drive.current_reference(ops, p, w.reference) - w.current) > p.monitor.current_limit, (
             tunable("current_limit", "A", 0.0, 1e4,

@@ -1,4 +1,4 @@
-"""A motor has one number of pole pairs, although several parts have a parameter for it."""
+"""Rule for the pole pairs of a motor, for which actuator, faults and inverter have a parameter each."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..rules import Rule, rule, when
 
 
 def one_motor(pairs: Iterable[tuple[str, str]]) -> tuple[Rule, ...]:
-    """Return warnings for pairs of parameters that differ, unless one is 0 or belongs to a fault that is not active."""
+    """Return the rules that warn if two parameters differ, unless one is 0 or belongs to a fault that is not active."""
     return tuple(_same(*pair) for pair in pairs)
 
 

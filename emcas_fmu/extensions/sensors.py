@@ -1,9 +1,9 @@
 """Errors of the sensors: the drive's current sensor, and the encoder of position (:mod:`.control.sensor_errors`).
 
-Actuators whose drive has a current loop and a current limit have the current sensor. The encoder is the one that
-measures the position: that of the motor, whose speed then has the same error, or with `encoder.on_fin` that of the fin;
-the motor's, which then measures the speed, is exact. Speed that is fed back without counts (`encoder.enabled` = false)
-has no noise. `heat` computes the current within a tick as if the sensor were exact.
+Actuators whose drive has a current loop and a current limit have the current sensor. The encoder with errors is the one
+that measures the position. If it is the motor's, the measured speed has the same error. If it is the fin's
+(`encoder.on_fin`), the motor's encoder, which then measures the speed, is exact. Speed that is fed back without counts
+(`encoder.enabled` = false) has no noise. `heat` computes the current within a tick as if the sensor were exact.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from .declaration import Extension
 
 ENCODER = in_group(
     "sensor.encoder",
-    *(each for name, times in (("once", "once"), ("twice", "twice")) for each in (
-        parameter(name, "rad", 0.0, 0.1, f"amplitude of the encoder's error that repeats {times} per turn of its shaft",
+    *(each for name in ("once", "twice") for each in (
+        parameter(name, "rad", 0.0, 0.1, f"amplitude of the encoder's error that repeats {name} per turn of its shaft",
                   sheet="encoder: accuracy as mounted, a peak value at its shaft"),
         parameter(f"{name}_phase", "rad", -2.0 * pi, 2.0 * pi, "phase of that error at angle 0"))),
     parameter("noise", "rad", 0.0, 0.1, "rms noise of the encoder in a sample, at its shaft",
@@ -43,8 +43,8 @@ OF_ENCODER = {"eccentricity of the encoder": {"sensor.encoder.once": 0.0, "senso
               "noise of the encoder": {"sensor.encoder.noise": 0.0}}
 OF_CURRENT = {"current sensor": {"sensor.current.offset": 0.0, "sensor.current.gain_error": 0.0}}
 GENERATORS = (State("sensor_generator_1"), State("sensor_generator_2"))
-_MOTOR = "motor_counts"
-_KEPT = ("target", *bus.STATES)  # states of the controllers that depend on the command only
+_MOTOR_COUNTS = "motor_counts"
+_OF_COMMAND = ("target", *bus.STATES)  # states of the controllers that depend on the command only
 _NEEDED = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.DRIVE_STEP)
 
 
@@ -83,13 +83,13 @@ def extend(actuator: Actuator) -> Actuator:
         """Return the states at rest; those of the controllers fit the encoder's reading without noise."""
         begun = actuator.start(ops, p, start.fin_angle, start.encoder_offset)
         position = actuator.position(ops, p, Record(**begun))
-        names = ("measured_fin_angle", *(s.name for s in actuator.controller_states if s.name not in _KEPT))
+        names = ("measured_fin_angle", *(s.name for s in actuator.controller_states if s.name not in _OF_COMMAND))
 
         def as_read() -> tuple[Value, ...]:
             fin = of_fin(ops, actuator.plant_parameters(ops, p), read(ops, p, position, 0.0))
             seen = actuator.start(ops, p, fin, start.encoder_offset)
-            if geared and _MOTOR in seen:  # the motor's encoder is exact beside one on the fin
-                seen[_MOTOR] = ops.where(on_fin(ops, p), begun[_MOTOR], seen[_MOTOR])
+            if geared and _MOTOR_COUNTS in seen:  # the motor's encoder is exact beside one on the fin
+                seen[_MOTOR_COUNTS] = ops.where(on_fin(ops, p), begun[_MOTOR_COUNTS], seen[_MOTOR_COUNTS])
             return tuple(seen[name] for name in names)
 
         measured = ops.branch(errs(ops, p), as_read, lambda: tuple(begun[name] for name in names))
@@ -128,7 +128,7 @@ def extend(actuator: Actuator) -> Actuator:
         return sensed
 
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-        """Return the outputs: `current_error` is that of the measured current; a limited reference is a limit."""
+        """Return the outputs: `current_error` is the measured current's, `saturated` includes a limited reference."""
         over = ops.both(u.enabled, sensor_errors.beyond(ops, p, u.reference))
         seen = u.replace(limited=ops.where(over, 1.0, u.limited))
         out = with_sensor(actuator.output_values)(ops, p, x, seen)

@@ -5,9 +5,9 @@
 (:mod:`emcas_fmu.physics.friction`). Stick remains exact, up to s C_m. With a ratio s below 1 friction builds up with
 speed, as was measured on a greased ball screw (docs/model/measured.md); 1 is neutral.
 
-A step uses the friction at the speed predicted for mid-step. That is of second order if a tick is short compared with
-J w_s/((s - 1) C_m), the time in which the excess friction accelerates a motor of inertia J by w_s. Dry friction about
-the hinge does not change, nor does the friction compensation of the controller, which uses C_m.
+A step uses the friction at the speed predicted for mid-step. The error is of second order if a tick is short compared
+with J w_s/((s - 1) C_m), the time in which the excess friction accelerates a motor of inertia J by w_s. Dry friction
+about the hinge does not change, nor does the friction compensation of the controller, which uses C_m.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ The equations are those of :mod:`emcas_fmu.physics.supply`. The drive's voltage 
 step it is that at mid-step, predicted from the power at the start. The link then supplies the mean power of the step.
 Motor voltage and current follow the same exponential, or a line if the motor is not stepped by the package's equations.
 The error is of second order in the tick. A step ends where the link is predicted to fall to the trip voltage. While
-tripped, the bridge is open and the controllers are reset, as if enable were false; it recovers at the end of a tick.
+tripped, the bridge is open and the controllers are reset, as if enable were false; the trip ends at the end of a tick.
 
 The link starts at the voltage of the source.
 """
@@ -65,7 +65,7 @@ OUTPUTS = (
 
 
 def _link(ops: Ops, p: Any, x: Record, source: Value, enable: Value) -> tuple[Value, Value]:
-    """Return the link's voltage [V] (at the start the source's), and whether the bridge is closed."""
+    """Return the link's voltage [V], before the first step the source's, and whether the bridge is closed."""
     link = ops.where(x.link_voltage < 0.0, ops.maximum(source, 0.0), x.link_voltage)
     return link, ops.both(enable, ops.negate(supply.tripped(ops, p, link, x.supply_tripped)))
 
@@ -121,8 +121,8 @@ def extend(actuator: Actuator) -> Actuator:
         link, enabled = _link(ops, p, x, u.supply, u.enabled)
         acting = u.replace(supply=link, enabled=enabled)
         load = supply.load_current(ops, p, link, ahead(ops, p, x, acting, 0.5 * h))
-        falls = ops.where(enabled, supply.trip_time(ops, p, link, u.supply, load, h), h)
-        trips, h = falls < h, ops.maximum(falls, PROGRESS * h)
+        trip_time = ops.where(enabled, supply.trip_time(ops, p, link, u.supply, load, h), h)
+        trips, h = trip_time < h, ops.maximum(trip_time, PROGRESS * h)
         middle, _ = supply.moved(ops, p, link, u.supply, load, 0.5 * h)
         acting = acting.replace(supply=middle)
         moved, used = actuator.step(ops, p, x, acting, h)

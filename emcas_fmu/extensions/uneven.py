@@ -8,8 +8,8 @@ mu F d/2 (JTEKT, "Frictional coefficient", table 8-1); a fin's lift at the dista
 two bearings with k = 1 + 2 b/c times the lift, acting at b outside bearings that are c apart: s = mu k d/(2 e). Lift is
 not an input: the model uses |T_a|/e. The variation over a revolution is that of an eccentric screw or gear.
 
-A step has the friction at the angle predicted for mid-step: of second order in the tick, and exact at rest. Friction is
-never below 0, since a is below 1 and s is not negative: no step creates energy.
+A step uses the friction at the angle predicted for mid-step. The error is of second order in the tick, and 0 at rest.
+Friction is never below 0, since a is below 1 and s is not negative: no step creates energy.
 """
 
 from __future__ import annotations

@@ -226,8 +226,8 @@ def test_a_bad_declaration(make: Callable[[], Any], said: str) -> None:
 @pytest.mark.parametrize(("given", "said"), [
     ('"motor.torque_konstant": 1.0', "there is no torque_konstant; did you mean torque_constant?"),
     ('"motor": 1.0', "a group of parameters; there is motor.inertia, "),
-    ('"motor.resistance": None', "returns motor.resistance = None; return what the parameter is"),
-    ('"motor.resistance": (1.0, 2.0)', "return what the parameter is"),
+    ('"motor.resistance": None', "returns motor.resistance = None; return a number or, for an array, a tuple"),
+    ('"motor.resistance": (1.0, 2.0)', "return a number or, for an array, a tuple"),
     ('"motor.resistance": amounts.shar', "there is no shar; did you mean share?"),
 ])
 def test_changes_of_what_there_is_not(tmp_path: Path, given: str, said: str) -> None:
