@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from functools import cache
 from importlib import import_module
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -201,12 +200,12 @@ def extension_outputs(name: str) -> tuple[Variable, ...]:
 def extension_inputs(name: str) -> dict[str, frozenset[str]]:
     """Return, for each Real output that an extension in a name adds, the parameters that the same extension adds."""
     actuator, extensions = parts(name)
-    layers = [_get(actuator, extensions[:k]) for k in range(len(extensions) + 1)]
     found: dict[str, frozenset[str]] = {}
-    for below, over in pairwise(layers):
-        outputs, parameters = ({v.name for v in new} - {v.name for v in old} for new, old in (
-            (over.outputs, below.outputs), (over.file_entries, below.file_entries)))
-        found |= {v.name: frozenset(parameters) for v in over.outputs if v.name in outputs and v.kind == "Real"}
+    for k in range(len(extensions)):
+        below, over = _get(actuator, extensions[:k]), _get(actuator, extensions[:k + 1])
+        parameters = frozenset(v.name for v in over.file_entries) - {v.name for v in below.file_entries}
+        old = {v.name for v in below.outputs}
+        found |= {v.name: parameters for v in over.outputs if v.name not in old and v.kind == "Real"}
     return found
 
 

@@ -215,11 +215,11 @@ class Actuator:
         if missing := [name for name in read if name not in {s.name for s in self.states}]:
             raise EmcasError(f"actuator {self.name}: there is no state {missing[0]}; the sensors read fin_angle and "
                              "fin_rate, or the states of angle and speed that encoder=(..., ...) names")
-        count = Counter(v.name for v in (*self.inputs, *self.outputs, *self.parameters))
-        if twice := [name for name, times in count.items() if times > 1]:
+        variables = (*self.inputs, *self.outputs, *self.parameters)
+        if twice := [name for name, times in Counter(v.name for v in variables).items() if times > 1]:
             raise EmcasError(f"actuator {self.name}: {twice[0]} is declared twice; give inputs, outputs and parameters "
                              "different names")
-        for v in (*self.inputs, *self.outputs, *self.parameters):
+        for v in variables:
             if not _NAME.fullmatch(v.name):
                 raise EmcasError(f"actuator {self.name}: name {v.name!r}: use letters, digits and _ (no digit first), "
                                  "dots between groups, and an index at the end, as in motor.current or "
@@ -230,13 +230,12 @@ class Actuator:
             if not v.minimum <= v.maximum:
                 raise EmcasError(f"actuator {self.name}: {v.name} has a minimum {v.minimum:g} above its maximum "
                                  f"{v.maximum:g}; exchange them")
-        starts = {v.key for v in self.inputs}
+        declared = {v.name for v in (*self.inputs, *self.outputs, *self.file_entries)}
         for capability in self.provides:
             if capability not in capabilities.NEEDED_VARIABLES:
                 raise EmcasError(f"actuator {self.name} provides {capability!r}, which is not in em.capabilities"
                                  f"{hint(capability, capabilities.NEEDED_VARIABLES)}")
-            missing = [name for name in capabilities.NEEDED_VARIABLES[capability]
-                       if name not in count and name not in starts]
+            missing = [name for name in capabilities.NEEDED_VARIABLES[capability] if name not in declared]
             missing += [f"state {name}" for name in capabilities.NEEDED_STATES[capability]
                         if name not in self._state_names]
             if isinstance(self.equation_parameters, AsDeclared):
@@ -252,7 +251,7 @@ class Actuator:
     def inputs(self) -> tuple[Variable, ...]:
         """The fin port's inputs, the supply's, and the additional ones."""
         port = fin_port.inputs(None if self.supply is None else self.supply.input, self.further_inputs)
-        return tuple(replace(v, description=self.descriptions.get(v.name, v.description)) for v in port)
+        return fin_port.described(self.descriptions, port)
 
     @cached_property
     def limited_outputs(self) -> tuple[Variable, ...]:

@@ -239,8 +239,7 @@ def schedule_rules(tick: Any, delay: Any, tick_remedy: str) -> tuple[Rule, ...]:
     """
     name = "drive.transport_delay" if delay is transport_delay else "transport_delay(ops, p)"
 
-    @rule(f"{name} = %.6g s must be at least 0, and at most {LONGEST_DELAY} times "
-          "controller.sample_time = %.6g s")
+    @rule(f"{name} = %.6g s must be at least 0, and at most {LONGEST_DELAY} times controller.sample_time = %.6g s")
     def delayed(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         duration, period = delay(ops, p), p.controller.sample_time
         fits = ops.both(duration >= 0.0, duration <= LONGEST_DELAY * period * (1.0 + SLACK))

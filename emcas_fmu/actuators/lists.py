@@ -57,7 +57,6 @@ def check_imperfections(actuator: Any) -> None:
     """Raise EmcasError for an imperfection whose parameter the declaration does not have."""
     names = {v.name for v in actuator.parameters}
     for imperfection, without in actuator.imperfections.items():
-        for name in without:
-            if name not in names:
-                raise EmcasError(f"actuator {actuator.name}: imperfections[{imperfection!r}]: there is no parameter "
-                                 f"{name}{hint(name, names)}; declare it, or leave it out")
+        if missing := [name for name in without if name not in names]:
+            raise EmcasError(f"actuator {actuator.name}: imperfections[{imperfection!r}]: there is no parameter "
+                             f"{missing[0]}{hint(missing[0], names)}; declare it, or leave it out")

@@ -43,18 +43,6 @@ class _Opposing(NamedTuple):
     lossless: Value
 
 
-class _First(NamedTuple):
-    """A first step: its time [s], and motor speed [rad/s] and current [A] at start and end.
-
-    The current is positive along the sign of the diodes' current; `ratio` is the time over the current's time constant.
-    """
-
-    speed: tuple[Value, Value]
-    current: tuple[Value, Value]
-    time: Value
-    ratio: Value
-
-
 def extend(actuator: Actuator) -> Actuator:
     """Return the actuator with this inverter."""
     assert actuator.supply is not None  # RETURNS_POWER
@@ -77,8 +65,7 @@ def extend(actuator: Actuator) -> Actuator:
 
         return _Opposing(*ops.branch(u.enabled, dead, diodes))
 
-    def acting(ops: Ops, q: Any, x: Record, u: PlantInputs, side: Value, against: _Opposing
-               ) -> tuple[Any, Record, Any]:
+    def acting(ops: Ops, q: Any, x: Record, u: PlantInputs, side: Value, against: _Opposing) -> tuple[Any, Record, Any]:
         """Return parameters, states and inputs with the voltage and resistance `against` the current.
 
         Conducting diodes are computed as an enabled drive without loop. Its integral is the voltage of the diodes, and
@@ -106,11 +93,9 @@ def extend(actuator: Actuator) -> Actuator:
             loop = ops.where(u.enabled, mode.loop, q.motor.resistance) + against.added
             ratio = used * loop / q.motor.inductance
 
-            first = _First((x.motor_speed, speed), (side * start, side * end), used, ratio)
-            time = _event(ops, q, u, first, h)
+            time = _event(ops, q, u, (x.motor_speed, speed), (side * start, side * end), used, ratio, h)
             middle = x.motor_speed + 0.5 * (speed - x.motor_speed) * (time / used)
-            return (*opposing(ops, q, u, middle, course.mean(ops, start, end, ratio)),
-                    ops.where(u.enabled, h, time))
+            return (*opposing(ops, q, u, middle, course.mean(ops, start, end, ratio)), ops.where(u.enabled, h, time))
 
         acts = ops.where(u.enabled, inverter.dead_voltage(ops, q, u.supply), q.inverter.pole_pairs) > 0.0
         *against, time = ops.branch(acts, predicted, lambda: (0.0, 0.0, 0.0, h))
@@ -140,17 +125,22 @@ def extend(actuator: Actuator) -> Actuator:
                    output_values=output_values)
 
 
-def _event(ops: Ops, q: Any, u: PlantInputs, first: _First, h: Value) -> Value:
-    """Return the time [s] at which an open bridge's diodes begin to conduct or their current ends; `h` [s] if never."""
-    before, after = first.current
+def _event(ops: Ops, q: Any, u: PlantInputs, speeds: tuple[Value, Value], currents: tuple[Value, Value], used: Value,
+           ratio: Value, h: Value) -> Value:
+    """Return the time [s] at which an open bridge's diodes begin to conduct or their current ends; `h` [s] if never.
+
+    Motor speeds [rad/s] and currents [A] along the diodes' direction are those at both ends of a first step of the time
+    `used` [s]; `ratio` is this time over the current's time constant.
+    """
+    before, after = currents
     onset = inverter.onset(ops, u.supply)
-    below, beyond = (onset - ops.fabs(drive.back_emf(q, w)) for w in first.speed)
+    below, beyond = (onset - ops.fabs(drive.back_emf(q, w)) for w in speeds)
     ends = ops.both(before > 0.0, after < 0.0)
     begins = ops.both(ops.equal(before, 0.0), ops.both(below >= 0.0, beyond < 0.0))
     # The current is on its exponential, the back-EMF on a line.
-    gone = (1.0 - ops.exp(-first.ratio)) * before / ops.where(ends, before - after, 1.0)
-    at_end = -(first.time / first.ratio) * ops.log(ops.where(ends, 1.0 - gone, 1.0))
-    at_begin = first.time * below / ops.where(begins, below - beyond, 1.0)
+    gone = (1.0 - ops.exp(-ratio)) * before / ops.where(ends, before - after, 1.0)
+    at_end = -(used / ratio) * ops.log(ops.where(ends, 1.0 - gone, 1.0))
+    at_begin = used * below / ops.where(begins, below - beyond, 1.0)
     time = ops.where(ends, at_end, ops.where(begins, at_begin, h))
     return ops.maximum(time, PROGRESS * h)
 

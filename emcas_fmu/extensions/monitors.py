@@ -65,8 +65,7 @@ def _stalled(ops: Ops, p: Any, w: Watched, angle: Value) -> Value:
     return ops.both(pushing, rate < p.monitor.stall_rate)
 
 
-_PERSISTENCE = tunable("persistence", "s", 0.0, 100.0,
-                        "time a condition must hold for its monitor to trip or to clear")
+_PERSISTENCE = tunable("persistence", "s", 0.0, 100.0, "time a condition must hold for its monitor to trip or to clear")
 _RESPONSE = tunable("response", "1/s", 1e-3, 1e5, "rate at which the model of the response reduces an error")
 # In the order of their bits in the built-in test's word, the lowest first.
 MONITORS = (

@@ -105,17 +105,13 @@ def extend(actuator: Actuator) -> Actuator:
         voltage, current = electrical(ops, p, x, u)
         if not stepped:
             return _mean_power(ops, p, (voltage, current), (voltage, current), 0.0)
-        built, mode = mode_of(ops, p, x, u, h)
+        built = actuator.plant_parameters(ops, p)
+        mode = electrical_mode(ops, built, x, u, h)
         final = (mode.source - drive.back_emf(built, x.motor_speed)) / mode.loop
         reached = final + (current - final) * ops.exp(-h / mode.tau)
         change = ops.where(u.enabled, reached - current, 0.0)
         falls = (mode.loop - built.motor.resistance) * change  # with the current, where the loop is closed
         return _mean_power(ops, p, (voltage, current), (voltage - falls, current + change), h / mode.tau)
-
-    def mode_of(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Any, Any]:
-        """Return the plant's parameters, and the electrical mode at the start of a step of `h` [s]."""
-        built = actuator.plant_parameters(ops, p)
-        return built, electrical_mode(ops, built, x, u, h)
 
     def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
         link, enabled = _link(ops, p, x, u.supply, u.enabled)
@@ -165,8 +161,7 @@ def extend(actuator: Actuator) -> Actuator:
         descriptions={**actuator.descriptions, line.input.name: "voltage of the source that feeds the DC link"})
 
 
-def _at_end(ops: Ops, q: Any, x: Record, u: PlantInputs, start: Value, end: tuple[Value, Value]
-            ) -> tuple[Value, Value]:
+def _at_end(ops: Ops, q: Any, x: Record, u: PlantInputs, start: Value, end: tuple[Value, Value]) -> tuple[Value, Value]:
     """Return motor voltage [V] and current [A] at the `end` of a step that begins with the current `start` [A].
 
     If the current through the diodes of an open bridge ends there, the voltage is still that of the diodes.

@@ -44,10 +44,8 @@ CLUTCH = Group((
     parameter("clutch.heat_capacity", "J/K", 1e-3, 1e6, "heat capacity of the slipping parts, C_th"),
     parameter("clutch.thermal_resistance", "K/W", 1e-6, 1e6,
               "thermal resistance from the slipping parts to the ambient, R_th"),
-    parameter("coil.resistance", "Ohm", 1e-6, 1e6, "coil resistance",
-              sheet="clutch: coil resistance"),
-    parameter("coil.inductance", "H", 1e-7, 1e3, "coil inductance",
-              sheet="clutch: coil inductance"),
+    parameter("coil.resistance", "Ohm", 1e-6, 1e6, "coil resistance", sheet="clutch: coil resistance"),
+    parameter("coil.inductance", "H", 1e-7, 1e3, "coil inductance", sheet="clutch: coil inductance"),
     parameter("coil.suppression_voltage", "V", 0.0, 1e4, "clamping voltage of the coil's suppressor, V_c",
               sheet="drive: clamping voltage of the coil's suppressor")))
 _BLOCKED = 1e6  # N.m: dry friction that no torque overcomes

@@ -59,8 +59,7 @@ VISCOUS = Group((
            "temperature of the friction table (rising)"),
     *array("friction.table.viscous", TABLE_POINTS, "1", 0.0, 100.0,
            "ratio of the viscous friction at this temperature to that at 24 degC"),
-    parameter("friction.identified_from", "degC", -100.0, 200.0,
-              "lowest temperature at which friction was measured"),
+    parameter("friction.identified_from", "degC", -100.0, 200.0, "lowest temperature at which friction was measured"),
     parameter("friction.identified_to", "degC", -100.0, 200.0, "highest temperature at which friction was measured"),
     tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature")),
     rules=rules.TEMPERATURE_RULES, provides=(capabilities.AMBIENT_TEMPERATURE,), deviations=(as_built.VISCOUS,))

@@ -11,7 +11,7 @@ import sys
 from math import inf
 from typing import Any
 
-from ...namespace import Record, with_values
+from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics.structure import Structure
 from ..declaration import PlantInputs, Values
@@ -30,9 +30,7 @@ COMPOSITION = interface.composed(
 
 
 def _linear(_: Ops, p: Any) -> Any:
-    viscous = 0.5 * (p.friction.viscous.positive + p.friction.viscous.negative)
-    return with_values(COMPOSITION.completed(p, groups.OPTIONAL), {
-        "friction.viscous.positive": viscous, "friction.viscous.negative": viscous})
+    return nonlinear.constant_friction(COMPOSITION.completed(p, groups.OPTIONAL))
 
 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:

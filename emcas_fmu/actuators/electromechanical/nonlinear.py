@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...control import controllers, sensors
-from ...namespace import Record
+from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
 from ...physics import drive, friction, kinematics, loads, mechanics
 from ...steppers import rigid
@@ -60,8 +60,7 @@ def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     driving = drive.torque(p, drive.flowing(p, u.reference, current))
     torque = driving + m.load - damping * speed + m.centrifugal * speed * speed
     rise, integral = drive.rates(p, u.reference, speed, current, x.drive_integral)
-    return {"motor_angle": speed, "motor_speed": torque / m.inertia, "motor_current": rise,
-            "drive_integral": integral}
+    return {"motor_angle": speed, "motor_speed": torque / m.inertia, "motor_current": rise, "drive_integral": integral}
 
 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
@@ -78,8 +77,7 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
                                limited=ops.either(clipped > 0.0, u.limited > 0.0))
 
 
-COMPOSITION = interface.composed(moment, *groups.with_screw(groups.SCREW), groups.LOSSLESS, groups.SHAFT,
-                                 *groups.SERVO)
+COMPOSITION = interface.composed(moment, *groups.with_screw(groups.SCREW), groups.LOSSLESS, groups.SHAFT, *groups.SERVO)
 as_built = COMPOSITION.as_built
 
 
@@ -96,6 +94,16 @@ def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: PlantInputs) -> tup
         return voltage, x.motor_current, ops.where(clipped, 1.0, 0.0)
 
     return ops.branch(u.enabled, powered, lambda: (drive.back_emf(p, speed), 0.0, 0.0))
+
+
+def constant_friction(p: Any) -> Any:
+    """Return parameters with viscous and constant Coulomb friction at the motor, both equal in both directions."""
+    viscous, coulomb = p.friction.viscous, p.friction.coulomb
+    mean = 0.5 * (viscous.positive + viscous.negative)
+    constant = (0.5 * (coulomb.positive[0] + coulomb.negative[0]), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return with_values(p, {
+        "friction.viscous.positive": mean, "friction.viscous.negative": mean,
+        "friction.coulomb.positive": constant, "friction.coulomb.negative": constant})
 
 
 def longest_tick(ops: Ops, p: Any) -> Value:

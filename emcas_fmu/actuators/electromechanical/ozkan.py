@@ -16,8 +16,7 @@ from ...physics.structure import Structure
 from .. import fin_port
 from ..composition import with_parameters
 from ..declaration import Supply
-from . import elastic, groups, interface, plausibility
-from .habibi import at_motor
+from . import elastic, groups, interface, nonlinear, plausibility
 
 # Smallest compliance [rad/(N.m)] of the shaft, 6e-6 deg at the fin under the motor's full torque: the equations of a
 # rigid shaft do not cover an ideal current loop.
@@ -28,7 +27,7 @@ COMPOSITION = interface.composed(
 
 
 def _gapless(_: Ops, p: Any) -> Any:
-    return COMPOSITION.completed(at_motor(p), elastic.LINE)
+    return COMPOSITION.completed(nonlinear.constant_friction(p), elastic.LINE)
 
 
 def _ozkan(ops: Ops, p: Any) -> Any:

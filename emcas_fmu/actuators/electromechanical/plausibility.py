@@ -107,8 +107,7 @@ def plausible_winding(inertia: Callable[[Any], Value]) -> Rule:
 
 
 VELOCITY_RULE, WINDING_RULE = (make(lambda p: sum(inertias(p, 0.0))) for make in (stable_velocity, plausible_winding))
-RULES_WITHOUT_WINDING = (
-    matched_inertia, little_friction, reachable_current, fine_counts, quiet_current, VELOCITY_RULE)
+RULES_WITHOUT_WINDING = (matched_inertia, little_friction, reachable_current, fine_counts, quiet_current, VELOCITY_RULE)
 RULES = (*RULES_WITHOUT_WINDING, WINDING_RULE)
 
 

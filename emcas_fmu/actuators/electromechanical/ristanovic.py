@@ -31,8 +31,7 @@ from .nonlinear import as_built
 PWM = Group((
     parameter("pwm.gain", "1", 1e-6, 1e4, "motor voltage per volt of reference, K_pwm",
               sheet="drive: motor voltage per volt of command"),))
-BAR = Group((
-    parameter("load.torsion_bar", "N.m/rad", 0.0, 1e6, "stiffness of the torsion bar, k_bar"),))
+BAR = Group((parameter("load.torsion_bar", "N.m/rad", 0.0, 1e6, "stiffness of the torsion bar, k_bar"),))
 
 
 def _loaded(ops: Ops, p: Any, angle: Value, u: PlantInputs) -> PlantInputs:

@@ -65,8 +65,7 @@ _POWERS = Group(groups.EFFICIENCY.parameters, (
     Output(SUPPLY_POWER, lambda ops, p, m: ops.maximum(m.power, 0.0)),
     Output(real_output("braking_power", "W", "power from motor and coil to the drive's braking resistor",
                        100.0, minimum=0.0), lambda ops, p, m: ops.maximum(-m.power, 0.0)),
-    Output(real_output("screw_loss", "W", "power that no-back and screw turn into heat under load", 100.0,
-                       minimum=0.0),
+    Output(real_output("screw_loss", "W", "power that no-back and screw turn into heat under load", 100.0, minimum=0.0),
            lambda ops, p, m: (m.motion.felt - 1.0) * clutched_screw.transmitted(ops, m.train, m.motion)
            * m.x.screw_speed)), terminal="", provides=(capabilities.SUPPLY_VOLTAGE,))
 FAULTS = (
