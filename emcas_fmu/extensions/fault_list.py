@@ -26,7 +26,7 @@ LONGEST_COMMAND_DELAY = 50
 MOST = 31  # largest number of flags in an Integer
 _SLACK = 1e-6  # of a sample time: rounding does not delay a fault that begins at a sample
 _HEAVY = 1e9  # kg.m2: the inertia of a blocked rotor or fin
-_LEAST_SUPPLY = 1e-9  # smallest share of the supply by which a power is divided; an ideal drive consumes power at 0 V
+_LEAST_SUPPLY = 1e-9  # smallest share of the supply by which a power is divided: an ideal drive works even at 0 V
 _STUB = 1e-3  # share of the fin's inertia that remains at a fork without fin: some actuators divide by this inertia
 
 

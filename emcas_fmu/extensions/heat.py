@@ -52,7 +52,7 @@ AMBIENT = replace(tunable("friction.temperature", "degC", -100.0, 200.0, "ambien
 """The parameter of an actuator that has no ambient temperature without this extension."""
 I2T_PARAMETERS = in_group(
     "heat",
-    parameter("continuous_current", "A", 1e-3, 1e4, "current that the drive allows for any time (I2t); at or above "
+    parameter("continuous_current", "A", 1e-3, 1e4, "current that the drive allows indefinitely (I2t); at or above "
               "drive.current_limit: no I2t limit",
               sheet="drive: continuous (rated) current, or the motor's if that is less"),
     parameter("peak_time", "s", 0.05, 1e4, "time for which I2t allows drive.current_limit after zero current",
@@ -63,8 +63,8 @@ OUTPUTS = (
     real_output("case_temperature", "degC", "case temperature", 100.0),
 )
 I2T_OUTPUTS = (
-    real_output("i2t_load", "1", "used share of the I2t budget; the current limit is reduced from "
-            f"{heat.FOLDING:g} to 1", 1.0, minimum=0.0),
+    real_output("i2t_load", "1", "used share of the I2t budget; from "
+            f"{heat.FOLDING:g} on the current limit is reduced", 1.0, minimum=0.0),
     real_output("current_limit", "A", "limit of the current reference, reduced by I2t and by a derated drive", 30.0,
                 minimum=0.0, limited_by=("drive.current_limit",)),
 )

@@ -35,7 +35,7 @@ PARAMETERS = in_group(
     "lugre",
     parameter("stiffness", "N.m/rad", 1e-3, 1e6, "stiffness of the bristles at the motor, sigma_0"),
     parameter("damping", "N.m.s/rad", 0.0, 1.0, "damping of the bristles at rest, sigma_1; it fades with speed"),
-    parameter("static_ratio", "1", 1.0, 10.0, "breakaway over Coulomb friction at the motor, s"),
+    parameter("static_ratio", "1", 1.0, 10.0, "ratio of breakaway to Coulomb friction at the motor, s"),
     parameter("stribeck_speed", "rad/s", 1e-3, 1e3,
               "motor speed at which 1/e of the excess over Coulomb friction is left, w_s", display="rpm"),
 )

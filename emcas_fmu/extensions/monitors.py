@@ -82,7 +82,7 @@ MONITORS = (
     Monitor("drive", "the current does not follow its reference", lambda ops, p, w, angle: ops.fabs(
         drive.current_reference(ops, p, w.reference) - w.current) > p.monitor.current_limit, (
             tunable("current_limit", "A", 0.0, 1e4,
-                    "difference of current reference and current beyond which the drive does not respond"),),
+                    "difference of current reference and current beyond which drive trips"),),
         (capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP)),
     Monitor("supply", "the bus voltage is too low", lambda ops, p, w, angle: w.supply < p.monitor.minimum_supply, (
         tunable("minimum_supply", "V", 0.0, 1e3, "bus voltage below which the supply is too low"),),

@@ -24,8 +24,8 @@ PARAMETERS = in_group(
     "saturation",
     parameter("share", "1", 0.0, 0.33, "share of torque and back-EMF constant that is lost at saturation.current",
               sheet="motor: 1 - peak torque/(K_t times peak current)"),
-    parameter("current", "A", 1e-3, 1e4, "current at which that share is lost; the loss rises with its square",
-              sheet="motor: peak current"),
+    parameter("current", "A", 1e-3, 1e4, "current at which saturation.share is lost; the loss rises with the current's "
+              "square", sheet="motor: peak current"),
 )
 
 

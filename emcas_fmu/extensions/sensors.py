@@ -29,7 +29,8 @@ ENCODER = in_group(
     *(each for name in ("once", "twice") for each in (
         parameter(name, "rad", 0.0, 0.1, f"amplitude of the encoder's error that repeats {name} per turn of its shaft",
                   sheet="encoder: accuracy as mounted, a peak value at its shaft"),
-        parameter(f"{name}_phase", "rad", -2.0 * pi, 2.0 * pi, "phase of that error at angle 0"))),
+        parameter(f"{name}_phase", "rad", -2.0 * pi, 2.0 * pi,
+                  f"phase, at angle 0, of the error that repeats {name} per turn"))),
     parameter("noise", "rad", 0.0, 0.1, "rms noise of the encoder in a sample, at its shaft",
               sheet="encoder: noise, rms at its shaft"),
     integer_parameter("seed", 1, 2_147_483_562, "seed of the sequence of noise"))

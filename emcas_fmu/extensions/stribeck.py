@@ -20,7 +20,7 @@ from ..variables import parameter
 from .declaration import Extension
 
 PARAMETERS = (
-    parameter("stribeck.static_ratio", "1", 0.1, 10.0, "breakaway over Coulomb friction at the motor, s"),
+    parameter("stribeck.static_ratio", "1", 0.1, 10.0, "ratio of breakaway to Coulomb friction at the motor, s"),
     parameter("stribeck.speed", "rad/s", 0.1, 1e3,
               "motor speed at which 1/e of the difference from Coulomb friction is left, w_s", display="rpm"),
 )

@@ -42,8 +42,8 @@ PARAMETERS = in_group(
     parameter("capacitance", "F", 1e-6, 10.0, "capacitance of the DC link", sheet="drive: capacitance of the DC link"),
     parameter("chopper_voltage", "V", 1.0, 1e5, "link voltage above which the brake chopper conducts (set it out of "
               "reach for none)", sheet="drive: voltage at which the brake chopper switches on"),
-    parameter("chopper_resistance", "Ohm", 1e-3, 1e6, "brake resistor: the chopper's current is (v - "
-              "chopper_voltage) over it", sheet="drive: brake resistor"),
+    parameter("chopper_resistance", "Ohm", 1e-3, 1e6, "brake resistor; the chopper's current is the link voltage "
+              "above chopper_voltage over this resistance", sheet="drive: brake resistor"),
     parameter("trip_voltage", "V", 1.0, 1e3, "link voltage below which the bridge opens",
               sheet="drive: under-voltage trip"),
     parameter("recovery_voltage", "V", 1.0, 1e3, "link voltage above which the bridge closes again"),

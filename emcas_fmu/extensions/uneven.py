@@ -27,11 +27,11 @@ from .declaration import Extension
 
 PARAMETERS = in_group(
     "uneven",
-    parameter("load_share", "1", 0.0, 1.0, "additional friction about the hinge over the aerodynamic hinge moment, s",
+    parameter("load_share", "1", 0.0, 1.0, "ratio of added friction about the hinge to the aerodynamic hinge moment, s",
               sheet="bearings: friction coefficient, bore and spacing, and the distance of the lift from the hinge"),
     parameter("ripple", "1", 0.0, 0.9, "variation of Coulomb friction at the motor over a revolution, a",
               sheet="screw: fluctuation of its torque"),
-    parameter("phase", "rad", -pi, pi, "motor angle at which that friction is largest"),
+    parameter("phase", "rad", -pi, pi, "motor angle at which friction at the motor is largest, theta_0"),
 )
 
 

@@ -37,7 +37,7 @@ from . import clutches, groups, interface, nonlinear
 from .nonlinear import as_built
 
 STATES = (*clutches.SCREW, State("coil_current_1", "A"), State("coil_current_2", "A"),
-          State("flux_1", "A", "as the steady current for it"), State("flux_2", "A", "as the steady current for it"),
+          *(State(f"flux_{k}", "A", "as the steady coil current that holds it") for k in (1, 2)),
           clutches.TEMPERATURE)
 SUPPLY_POWER = real_output("supply_power", "W", "electrical power from the supply to motor and coils; never negative",
                            1000.0, minimum=0.0)
@@ -47,7 +47,7 @@ _CLUTCHES = Group((
     *clutches.CLUTCH.parameters,
     *(parameter(f"clutch.share_{k}", "1", 0.0, 10.0, f"ratio of the torque of the clutch that turns the screw {way} "
                 "the motor to the rated torque") for k, way in _WAYS),
-    parameter("clutch.bias_current", "A", 0.0, 1e3, "least reference of both coil currents while enabled, I_b"),
+    parameter("clutch.bias_current", "A", 0.0, 1e3, "smallest reference of each coil current while enabled, I_b"),
     parameter("coil.connected_1", "1", 0.0, 1.0, "share of its reference current in the coil of the clutch that "
               "turns the screw with the motor (0: open coil)")), (
     *(Output(real_output(f"coil_current_{k}", "A",

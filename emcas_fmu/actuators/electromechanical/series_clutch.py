@@ -47,7 +47,7 @@ from . import clutches, groups, interface, nonlinear, plausibility, rules
 from .nonlinear import as_built
 
 STATES = (*clutches.SCREW, *interface.DRIVE, State("coil_current", "A"),
-          State("flux", "A", "as the steady current for it"), clutches.TEMPERATURE)
+          State("flux", "A", "as the steady coil current that holds it"), clutches.TEMPERATURE)
 SUPPLY_POWER = real_output("supply_power", "W", "electrical power from the supply to motor and coil; never negative",
                            1000.0, minimum=0.0)
 _CLUTCH = Group((

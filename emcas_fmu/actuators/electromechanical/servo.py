@@ -48,7 +48,7 @@ _FIRMWARE = Group((
                       sheet="servo: resolution, counts (pulses) per turn"),
     parameter("pwm.full", "1", 1.0, 1e9, "counts of PWM at a duty cycle of 1", sheet="servo: PWM value of 100 %"),
     parameter("pwm.limit", "1", 0.0, 1e9, "largest counts of PWM", sheet="servo: PWM limit"),
-    parameter("controller.dead_band", "1", 0.0, 1e6, "error in counts below which the firmware ignores it",
+    parameter("controller.dead_band", "1", 0.0, 1e6, "error, in counts, below which the firmware does not react",
               sheet="servo: dead band, in counts"),
     tunable("controller.kp", "1", 0.0, 1e6, "proportional gain, counts of PWM per count of error",
             sheet="servo: position P gain, over its divisor"),
@@ -90,7 +90,7 @@ _GEAR = Group((
     parameter("friction.stribeck_share", "1", 0.0, 10.0,
               "excess of dry friction at rest, as a share of that in fast motion, s"),
     parameter("friction.stribeck_speed", "rad/s", 1e-4, 1e4,
-              "speed of the output at which 37 % of the excess are left, w_s"),
+              "speed of the output at which 37 % of the excess is left, w_s"),
     *groups.HINGE_FRICTION.parameters), (
     Output(real_output("gear_torque", "N.m", "torque from the gear to the fin", 10.0),
            lambda ops, p, m: servo.gear_torque(ops, p, m.x, m.u)),),

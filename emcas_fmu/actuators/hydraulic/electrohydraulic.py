@@ -48,7 +48,7 @@ _VALVE = Group((
               sheet="servovalve: natural frequency of the spool", quantity="AngularFrequency"),
     parameter("valve.damping", "1", 0.0, 100.0, "damping ratio of the spool",
               sheet="servovalve: damping ratio of the spool"),
-    parameter("valve.stroke_time", "s", 1e-5, 10.0, "least time from the centre to the end of the stroke",
+    parameter("valve.stroke_time", "s", 1e-5, 10.0, "shortest time from the centre to the end of the stroke",
               sheet="servovalve: least time to full stroke", display="ms"),
     parameter("valve.lap", "1", 0.0, 1.0, "underlap of the rounded edges, as a share of the stroke; it causes the "
               "leakage at null"),
