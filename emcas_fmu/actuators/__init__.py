@@ -38,7 +38,7 @@ _MODULES = {
 }
 NAMES = tuple(_MODULES)
 _OVER = {"worm-gear-elastic": "worm-gear"}  # shipped actuators whose parameter file overrides another actuator's
-# In the order in which an actuator is extended by them.
+# Names of the extensions, in the order in which they are applied to an actuator.
 EXTENSIONS: tuple[str, ...] = ("stribeck", "lugre", "uneven", "efficiency", "saturation", "inverter", "sensors", "heat",
                                "filters", "homing", "trajectory", "supply", "faults")
 HALVES: tuple[str, ...] = ("controller", "plant")
@@ -120,7 +120,7 @@ def with_extension(name: str, extension: str) -> str:
 def of_fmu(name: str, part: str | None, interface: str) -> str:
     """Return the name of the model in an FMU: `name` with the half `part`, or with `interface` if it is TORQUE.
 
-    Raises EmcasError for an unknown part, and if `name` is extended by a half or TORQUE, for an unknown name.
+    Raises EmcasError for an unknown part, and, if `name` is extended by a half or TORQUE, for an unknown name.
     """
     if part and part not in HALVES:
         raise EmcasError(f"part {part}: there is {' and '.join(HALVES)}{hint(part, HALVES)}")

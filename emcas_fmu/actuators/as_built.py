@@ -25,7 +25,7 @@ class Deviation(NamedTuple):
     shifts: tuple[str, ...] = ()
 
     def scaling(self, *names: str) -> Deviation:
-        """Return this deviation with other names of parameters that it scales."""
+        """Return this deviation with `names` as the parameters that it scales."""
         return self._replace(scales=names)
 
 
@@ -50,7 +50,7 @@ VISCOUS = _deviation("friction.viscous", -1.0, 10.0, "viscous friction", "fricti
 RATED_FLOW = _deviation("valve.rated_flow", -0.9, 10.0, "the rated flow", "valve.rated_flow")
 
 ENCODER, OFFSET, COMPLIANCE, BACKLASH = IMPERFECTIONS = ("encoder", "drive offset", "compliance", "backlash")
-"""Imperfections of the held fin angle that an accuracy budget always lists; as absent if the actuator has none."""
+"""Imperfections of the held fin angle that an accuracy budget lists even if an actuator does not have them."""
 
 
 def plant(*deviations: Deviation) -> Callable[[Ops, Any], Any]:

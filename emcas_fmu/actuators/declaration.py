@@ -16,9 +16,9 @@ The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``,
 
 ``x`` has the states by name, ``u`` the inputs of the plant, which are constant during a step (:class:`PlantInputs`).
 The functions return a mapping of names to values. `sample` must return ``reference``, `derivatives` without a `step`
-every state. Other values may be left out. States then do not change (in `initial` and `derivatives`: are 0);
-``measured_fin_angle`` is then the position that the sample read, and ``limited`` is 0. Results depend on the arguments
-alone: functions in a user's file are traced twice, and both results are compared.
+every state. Other values may be left out. States then do not change (in `initial` they are 0), ``measured_fin_angle``
+is the position that the sample read, and ``limited`` is 0. Results depend on the arguments alone: functions in a user's
+file are traced twice, and both results are compared.
 """
 
 from __future__ import annotations
@@ -122,8 +122,8 @@ class Actuator:
     - ``faults``: faults of this actuator, which the extension `faults` offers in addition to the general faults
     - ``provides``: capabilities that extensions and tools need (:mod:`emcas_fmu.actuators.capabilities`)
     - ``reference``: an independent integration: a Python file or a module's name, with `simulate(parameters, inputs)`
-    - ``hidden``: inputs of the port that a half, or an actuator with the torque interface, lacks; it may also lack
-      outputs of the port
+    - ``hidden``: inputs of the port that a half, or an actuator with the torque interface, lacks; such an
+      actuator may also lack outputs of the port
     - ``modules``: modules whose docstrings describe the equations; ``source``: the user's file; ``begun(ops, p, x,
       u)``: the states, before the first step those that follow from inputs. A user's actuator leaves all three out
     """
@@ -255,7 +255,7 @@ class Actuator:
 
     @cached_property
     def limited_outputs(self) -> tuple[Variable, ...]:
-        """The outputs, with limits that hold for all parameters within their limits, as a host may change them."""
+        """The outputs, with limits that hold for all values of parameters that a host may set."""
         most = {v.name: v.maximum for v in self.parameters}
 
         def limited(v: Variable) -> Variable:

@@ -101,7 +101,7 @@ BUS = Line(
                   "voltage of the DC link above which its brake chopper conducts (1e5: never)"),
         parameter("bus.chopper_resistance", "Ohm", 1e-3, 1e6, "resistance of the brake chopper"),
         parameter("bus.update_time", "s", 1e-5, 1e-2, "interval between two updates of the bus voltage", display="ms")),
-    # The values that do not leave a part out are estimates.
+    # 0 and, of the chopper, 1e5 V leave a component out; the other values are estimates.
     values={"bus.source_resistance": 0.0, "bus.charge": 0.0, "bus.charge_used": 0.0, "bus.polarisation": 0.5,
             "bus.capacitance": 0.0, "bus.chopper_voltage": 1e5, "bus.chopper_resistance": 1.0, "bus.update_time": 1e-4},
     states=("sag", "link", "drawn"),
@@ -202,5 +202,5 @@ class Supply:
 
     @property
     def line(self) -> Line:
-        """The kind of line that can feed several fins."""
+        """The kind of line that may feed several of these actuators."""
         return LINES[self.input.unit]

@@ -221,7 +221,7 @@ def _of_winding(ops: Ops, p: Any, f: FaultStates, x: Record, h: Value) -> Any:
 
 
 def _under(ops: Ops, p: Any, fault: PlantFault, amounts: Any, on: Value) -> Any:
-    """Return the plant's parameters under a fault that the actuator declares; without the fault, which is `on`, `p`."""
+    """Return the plant's parameters under a fault of the actuator's declaration, if it is `on`, otherwise `p`."""
     before: dict[str, Value] = {}
 
     def acting() -> tuple[Value, ...]:

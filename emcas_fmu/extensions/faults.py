@@ -43,7 +43,7 @@ def _word(name: str, description: str, bits: tuple[str, ...]) -> Variable:
 FAULT_WORD = "fault_word"
 BUILT_IN_TEST = _word("built_in_test", "monitors tripped", tuple(monitor.name for monitor in monitors.MONITORS))
 _BROKEN = (State("fin_broken_off"), State("broken_fin_angle", "rad"), State("broken_fin_rate", "rad/s"))
-# Faults of the plant that end with their cause.
+# Faults that change the plant while they are active; a broken shaft and a grown gap also change it afterwards.
 _OF_PLANT = ("jam", "free_fin", "drive_loss", "current_derating", "brown_out", "friction_rise", "winding_short",
              "phase_loss")
 _FAULT_STATES = tuple(f"fault_{name}" for name in FaultStates._fields)

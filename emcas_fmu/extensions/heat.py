@@ -49,7 +49,7 @@ PARAMETERS = in_group(
               "it has no effect in the simulation", sheet="motor: permitted winding temperature"),
 )
 AMBIENT = replace(tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature"), start=24.0)
-"""The parameter of an actuator that has no ambient temperature without this extension."""
+"""The ambient temperature, for an actuator that does not declare one."""
 I2T_PARAMETERS = in_group(
     "heat",
     parameter("continuous_current", "A", 1e-3, 1e4, "current that the drive allows indefinitely (I2t); at or above "

@@ -43,7 +43,7 @@ PARAMETERS = in_group(
     parameter("chopper_voltage", "V", 1.0, 1e5, "link voltage above which the brake chopper conducts (set it out of "
               "reach for none)", sheet="drive: voltage at which the brake chopper switches on"),
     parameter("chopper_resistance", "Ohm", 1e-3, 1e6, "brake resistor; the chopper's current is the link voltage "
-              "above chopper_voltage over this resistance", sheet="drive: brake resistor"),
+              "above chopper_voltage, divided by this resistance", sheet="drive: brake resistor"),
     parameter("trip_voltage", "V", 1.0, 1e3, "link voltage below which the bridge opens",
               sheet="drive: under-voltage trip"),
     parameter("recovery_voltage", "V", 1.0, 1e3, "link voltage above which the bridge closes again"),

@@ -96,7 +96,7 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 
 
 def _coils(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[clutch.Coil, clutch.Coil]:
-    """Return both coils: a net current reference [A] goes to the coil of its sign; the bias is added in both."""
+    """Return both coils: a net current reference [A] goes to the coil of its sign; the bias is added to both."""
     net = drive.current_reference(ops, p, u.reference)
     # |net| instead of a maximum: its slope at 0 is the mean of both sides, as linear analysis needs it.
     larger, bias = 0.5 * ops.fabs(net), p.clutch.bias_current

@@ -73,8 +73,8 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value, speed: Val
 
     `angle` [rad] and `speed` [rad/s] are the fin's, referred to the motor. The result also has `tangent`, that of the
     lever's angle, `fin`, the fin's angle [rad], and `hinge_torque`, the external moment [N.m]. `further` values are
-    `limited`, whether a limit is active, and those that only some groups use, such as `motor_current` [A] and
-    `motor_voltage` [V]; `nut`, the screw angle at the nut [rad], if it differs from `angle`.
+    `limited`, whether a limit is active; `nut`, the screw angle at the nut [rad], if it differs from `angle`; values
+    that only some groups use, such as `motor_current` [A] and `motor_voltage` [V].
     """
     tangent = kinematics.lever_tangent(ops, p, angle)
     fin, hinge_torque = kinematics.fin_angle(ops, p, tangent), mechanics.external_moment(ops, p, tangent, u)

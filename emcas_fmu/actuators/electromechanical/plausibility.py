@@ -18,7 +18,7 @@ from ...rules import Rule, in_degrees, rule, when
 from ..composition import with_parameters
 from .rules import inertias
 
-# Largest ratio of the load's inertia to the rotor's, rarely above 30 in servo drives, and the reverse ratio's largest.
+# Largest ratio of the load's inertia to the rotor's, rarely above 30 in servo drives, and of the rotor's to the load's.
 MOST_LOAD, MOST_ROTOR = 100.0, 1000.0
 # Largest ratio of L/R to J R/K_t^2: 0.05 to 20 in servo motors; with mH entered as H it would be 1000 times as large.
 MOST_WINDING = 30.0

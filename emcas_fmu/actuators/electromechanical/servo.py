@@ -130,7 +130,7 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 def feed_forward(ops: Ops, p: Any, motion: Motion, memory: Value) -> tuple[Ahead, Value, Value]:
     """Return the feed-forward of a motion of the fin, the unchanged memory, and the transport delay [s].
 
-    Its reference, in counts of PWM, holds at the nominal voltage and with a stiff gear.
+    The reference, in counts of PWM, is that at the nominal voltage and with a stiff gear.
     """
     speed = 0.5 * (motion.rate + motion.next_rate)
     inertia = p.inertia.motor * p.gear.ratio * p.gear.ratio + fin_port.hinge_inertia(p)

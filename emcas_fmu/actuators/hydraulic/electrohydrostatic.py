@@ -192,8 +192,8 @@ def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
     def floored(pressure: Value, void: Value) -> Value:
-        # A void begins with a volume of 0, at exactly this pressure: under its soft modulus an undershoot would be a
-        # volume thousands of times as large.
+        # A void begins at exactly this pressure, with a volume of 0. Its modulus is thousands of times lower than the
+        # oil's: an undershoot would be a large volume.
         return ops.where(void, pressure, ops.maximum(pressure, p.oil.cavitation_pressure))
 
     shaft = ops.both(ops.negate(ops.equal(m.shaft.direction, 0.0)), events["shaft"])
