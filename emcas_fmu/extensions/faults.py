@@ -308,7 +308,6 @@ def _off_shaft(ops: Ops, q: Any, x: Record, u: PlantInputs, outputs: Values) -> 
 @rule(f"fault.command_delay.time = %.6g s must be at most {fault_list.LONGEST_COMMAND_DELAY} times "
       "controller.sample_time = %.6g s")
 def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    """Check the delay only if the fault is switched on or scheduled."""
     late, period = p.fault.command_delay, p.controller.sample_time
     used = ops.either(late.active, late.end > late.begin)
     longest = fault_list.LONGEST_COMMAND_DELAY * period * (1.0 + SLACK)

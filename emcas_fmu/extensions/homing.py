@@ -104,10 +104,7 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
           "stop, brings it from rest to homing.speed = %.6g rad/s at the fin, drive.transport_delay included; raise "
           "homing.stall_time or homing.reference_limit, or lower homing.speed")
     def stall(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-        """Check that the push minus friction at a stop accelerates the motor to homing.speed within homing.stall_time.
-
-        Until then the motor is at rest, as at a stop. The lever's ratio is the smallest, d/l: the shortest time.
-        """
+        # A motor that still accelerates may look stalled, for the shortest time at the lever's smallest ratio, d/l.
         p = actuator.equation_parameters(ops, p)
         push, stop, coulomb = drive.stall_torque(p, p.homing.reference_limit), p.fin.stop_angle, p.friction.coulomb
         friction = ops.maximum(coulomb_polynomial(coulomb.positive, stop), coulomb_polynomial(coulomb.negative, -stop))

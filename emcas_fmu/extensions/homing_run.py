@@ -1,4 +1,4 @@
-"""A homing run, sample by sample. Positions are encoder readings in counts (with the encoder off, of the true angle).
+"""A homing run, sample by sample. Positions are encoder readings in counts, with the encoder off true angles in counts.
 
 During a run the position is measured from a target that moves at homing.speed, and the command is zero. The loops, with
 their normal gains, then follow the target whatever the unknown angle of the fin is, and command.limit has no effect. In
@@ -7,7 +7,7 @@ this integral balances the loads and is kept after the run, so that nothing jump
 with their lag, and their anti-windup holds their integrals at a stop.
 
     seeking    towards one stop until a stall: the reference is at its limit and the fin hardly moves for stall_time
-    crossing   towards the other until a stall; the run fails unless the travel is 2 stop_angle
+    crossing   towards the other stop until a stall; the run fails if the travel differs from 2 stop_angle
     returning  the offset is set so that both stops are at the same distance, then the fin moves to zero
 
 An error that is the same at both stops, such as the compliance and the gap of an elastic drive line, does not change
@@ -34,7 +34,8 @@ _EDGE = 1.0 - 1e-9  # share of a limit from which a value is at the limit, despi
 class Progress(NamedTuple):
     """States of a run: the encoder's `offset`, the `target` and the `origin` of the phase, all in counts.
 
-    `stalled` [s] is the time since the fin stalled, at the position `mark` [counts]; `elapsed` [s] is that of the run.
+    `stalled` [s] is the time since the fin stalled, at the position `mark` [counts], or returned to zero; `elapsed` [s]
+    is the time since the start of the run.
     """
 
     offset: Value

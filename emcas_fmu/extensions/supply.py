@@ -1,7 +1,7 @@
 """Supply: a source with resistance, a DC link with brake chopper, losses of the inverter, and an under-voltage trip.
 
-The equations are those of :mod:`emcas_fmu.physics.supply`. The drive's voltage limit is the voltage of the link; in a
-step it is that at mid-step, predicted from the power at the start. The link then supplies the mean power of the step.
+The equations are those of :mod:`emcas_fmu.physics.supply`. The drive's voltage limit is the voltage of the link, in a
+step the voltage at mid-step, predicted from the power at the start. The link then supplies the step's mean power.
 Motor voltage and current follow the same exponential, or a line if the motor is not stepped by the package's equations.
 The error is of second order in the tick. A step ends where the link is predicted to fall to the trip voltage. While
 tripped, the bridge is open and the controllers are reset, as if enable were false; the trip ends at the end of a tick.

@@ -8,20 +8,20 @@ to step. The host therefore adds the reflected inertia to the fin's inertia J_f,
 
     A = J_t R(0)^2        J = J_f + A        J_t of (2.8), R the ratio at fin angle 0
 
-The actuator with its fin runs inside, unchanged. At the beginning of each step of the host, of length h, its fin gets
-the host's angle and rate, and an estimate T of all other moments on the host's fin, from the previous step. The torque
-is constant over the step and brings the host's fin to the rate W that the fin inside has at the end of the step:
+The actuator with its own fin, the inner fin, runs unchanged. At the beginning of each step of the host, of length h,
+the inner fin gets the host's angle and rate, and an estimate T of all other moments on the host's fin from the previous
+step. The torque is constant over the step and brings the host's fin to the rate W of the inner fin at the step's end:
 
     torque = J (W - w) / h - T        T <- T + J (w' - W) / h        w, w' the host's rate before and after a step
 
-Friction, stops, limits and the lever's ratio are those of the fin inside. While it slides and R = R(0), the torque is
-that of the motor minus friction, whatever T and J_f are.
+Friction, stops, limits and the lever's ratio are the inner fin's. While it slides and R = R(0), the torque is that of
+the motor minus friction, whatever T and J_f are.
 
 A host that integrates by semi-implicit Euler advances the angle by h w': its rate is the mean over the step, which a
-smooth motion has half a step earlier. W is then the mean rate of the fin inside, and that fin continues with its rate
-plus 3/2 (w' - W), since the difference lasts for another half step. The host's angles and rates show whether it
-integrates in this way. Any other host passes a stop by its motion in a step, and returns by a third of the remaining
-way in each step, without overshoot.
+smooth motion has half a step earlier. W is then the mean rate of the inner fin, which continues with its rate plus
+3/2 (w' - W), since the difference lasts for another half step. The host's angles and rates show whether the host
+integrates in this way. The fin of any other host passes a stop by its motion in a step, and returns by a third of the
+remaining way in each step, without overshoot.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ OUTPUTS = (
 )
 _BEFORE = -1.0  # s, `step_met` before the first step
 STATES = (State("step_met", "s", "beginning of the step to which the states belong"),
-          State("elapsed", "s", "time since then"),
-          State("host_angle", "rad", "angle of the host's fin then"), State("host_rate", "rad/s"),
-          State("host_load", "N.m", "all other moments on the host's fin"),
+          State("elapsed", "s", "time since step_met"),
+          State("host_angle", "rad", "angle of the host's fin at step_met"), State("host_rate", "rad/s"),
+          State("host_load", "N.m", "moments on the host's fin except the actuator's"),
           State("rate_is_mean", "1", "1 if the host integrates by semi-implicit Euler, otherwise 0"))
-_CHANGED = 1e-9  # rad/s, smallest change of rate that shows how the host integrates; far above rounding
+_CHANGED = 1e-9  # rad/s, smallest change of rate from which the host's integration is recognized; far above rounding
 _RETURN = 1.0 / 3.0  # share of the way back to a stop in a step; there is no overshoot up to 6 - 4 sqrt(2) = 0.343
 
 
@@ -87,7 +87,7 @@ def _extend(actuator: Actuator) -> Actuator:
         return ops.clip(angle, -p.fin.stop_angle, p.fin.stop_angle)
 
     def reached(ops: Ops, p: Any, x: Record) -> tuple[Value, Value, Value]:
-        """Return the rates [rad/s] of the host's fin and of that inside after the elapsed time, and 1/time [1/s]."""
+        """Return the expected rates [rad/s] of the host's fin and the inner fin, and 1/elapsed time [1/s]."""
         tangent = kinematics.lever_tangent(ops, p, x.motor_angle)
         rate = x.motor_speed / kinematics.reduction_ratio(ops, p, tangent)
         per_time = ops.where(x.elapsed > 0.0, 1.0 / ops.where(x.elapsed > 0.0, x.elapsed, 1.0), 0.0)
@@ -96,7 +96,7 @@ def _extend(actuator: Actuator) -> Actuator:
         return ops.where(x.rate_is_mean > 0.0, mean, rate + back), rate, per_time
 
     def met(ops: Ops, p: Any, x: Record, u: Any) -> Record:
-        """Return the states; at the beginning of a step they have the motion of the host's fin."""
+        """Return the states; at the beginning of a step of the host they get the motion of the host's fin."""
         built = actuator.plant_parameters(ops, p)
 
         def begun() -> tuple[Value, ...]:
