@@ -1,4 +1,4 @@
-"""The output `status`, which several extensions share; a later extension overrides an earlier one."""
+"""The output `status`, which several extensions share; each changes the status of the extensions before it."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from .currents import time_constant
 from .declaration import Extension, also_read
 from .status import DISABLED, OPERATIONAL, STATUS
 
-STATES = (State("link_voltage", "V", "voltage of the DC link; below 0 before it has reached the source's"),
+STATES = (State("link_voltage", "V", "voltage of the DC link; -1 before the first step, which sets it to the source's"),
           State("supply_tripped", "1", "1 while the under-voltage trip holds the bridge open"),
           State("supply_charge", "A.s", "charge from the source since the start"))
 _UNCHARGED = -1.0  # V, link voltage before the first step, in which it becomes the source's

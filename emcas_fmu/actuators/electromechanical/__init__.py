@@ -1,1 +1,1 @@
-"""Motor, drive, ball screw, lever and fin: the thesis's actuator and models of the literature put together from it."""
+"""Electromechanical actuators: the thesis's, others of the literature, and those with worm gear, clutch or servo."""

@@ -3,8 +3,8 @@
 Cylinder: :mod:`emcas_fmu.physics.cylinder`, valve: :mod:`emcas_fmu.physics.servovalve`, position loop:
 :mod:`emcas_fmu.control.fluid_power`. The loop's speed reference, relative to the speed with the open valve at its rated
 pressure, is the valve's command. Without `enable` the valve centres itself, and the oil in the chambers holds the fin.
-A check valve refills a chamber below the tank's pressure. If it cannot do so in time, a void forms: the pressure stays
-0 until the inflow exceeds the volume that the piston sweeps. The volume of the void is neglected.
+A check valve refills a chamber below the tank's pressure. If its flow is too small, a void forms: the pressure stays 0
+until the inflow exceeds the flow that the piston's motion demands. The volume of the void is neglected.
 
 Events (:mod:`emcas_fmu.steppers.events`): the fin starts, comes to rest or meets a stop, the spool reaches the end of
 its stroke, or reaches or leaves its largest speed, a check valve opens or closes, a void forms. The end of a void is
