@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations, product
+from itertools import combinations, product, starmap
 from typing import Any, NamedTuple
 
 from ..actuators import capabilities, fin_port
@@ -317,7 +317,7 @@ def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 def _rules(actuator: Actuator) -> tuple[Rule, ...]:
     of_faults, others = ([v.name for v in variables if v.name.endswith(".pole_pairs")] for variables in (
         [v for fault in fault_list.possible(actuator) for v in fault_list.parameters(fault)], actuator.parameters))
-    return (_command_delay, *one_motor([*combinations(of_faults, 2), *product(of_faults, others)]))
+    return (_command_delay, *starmap(one_motor, [*combinations(of_faults, 2), *product(of_faults, others)]))
 
 
 EXTENSION = Extension(

@@ -153,7 +153,7 @@ def _dead_period(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 def _rules(actuator: Actuator) -> tuple[Rule, ...]:
     has_pairs = any(v.name == "motor.pole_pairs" for v in actuator.parameters)
-    return (_dead_period, *(one_motor([("inverter.pole_pairs", "motor.pole_pairs")]) if has_pairs else ()))
+    return (_dead_period, one_motor("inverter.pole_pairs", "motor.pole_pairs")) if has_pairs else (_dead_period,)
 
 
 EXTENSION = Extension(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 from ..namespace import value_of
@@ -10,12 +9,8 @@ from ..ops.base import Ops, Value
 from ..rules import Rule, rule, when
 
 
-def one_motor(pairs: Iterable[tuple[str, str]]) -> tuple[Rule, ...]:
-    """Return the rules that warn if two parameters differ, unless one is 0 or belongs to a fault that is not active."""
-    return tuple(_same(*pair) for pair in pairs)
-
-
-def _same(first: str, second: str) -> Rule:
+def one_motor(first: str, second: str) -> Rule:
+    """Return the rule that warns if two parameters differ, unless one is 0 or belongs to a fault that is not active."""
     @rule(f"{first} = %.6g and {second} = %.6g belong to the same motor: set both to the same number, or one to 0 "
           "to leave its effect out", warning=True)
     def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
