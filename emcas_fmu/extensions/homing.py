@@ -100,8 +100,8 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
         least = way / p.homing.speed + 3.0 * p.homing.stall_time + SETTLES
         return when(ops, p.homing.timeout <= least), p.homing.timeout, least
 
-    @rule("homing.stall_time = %.6g s is over before torque of %.6g N.m at the motor, minus friction of %.6g N.m at a "
-          "stop, brings the fin from rest to homing.speed = %.6g rad/s, drive.transport_delay included; raise "
+    @rule("homing.stall_time = %.6g s is over before a torque of %.6g N.m at the motor, minus friction of %.6g N.m at "
+          "a stop, brings the fin from rest to homing.speed = %.6g rad/s, drive.transport_delay included; raise "
           "homing.stall_time or homing.reference_limit, or lower homing.speed")
     def stall(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         # A motor that still accelerates may look stalled, for the shortest time at the lever's smallest ratio, d/l.

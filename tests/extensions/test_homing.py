@@ -172,7 +172,7 @@ def test_disabled_in_a_run_it_knows_nothing() -> None:
     ({"homing.timeout": 6.56}, ["homing.timeout = 6.56 s", "above 6.926"]),
     # 24 rad/s at 0.3 kg.m2e-3 and 0.6 N.m, after 3.7 ms: 14.6 ms
     ({"homing.stall_time": 0.0145}, ["homing.stall_time = 0.0145 s", "raise homing.stall_time"]),
-    ({"homing.reference_limit": 0.3}, ["push of 0.27027 N.m", "friction of 0.29"]),
+    ({"homing.reference_limit": 0.3}, ["torque of 0.27027 N.m", "friction of 0.29"]),
     ({"homing.speed": radians(100.0), "homing.stall_time": 0.05}, ["homing.stall_time = 0.05 s"]),
     ({"homing.speed": radians(101.0)}, ["homing.speed", "must be within"]),
     ({"homing.speed": 0.0}, ["homing.speed", "must be within"]),
