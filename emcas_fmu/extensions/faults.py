@@ -108,11 +108,12 @@ class _Faulty:
     def initial(self, ops: Ops, p: Any, start: Record) -> Values:
         """Return the states at the start, without a fault."""
         actuator = self.actuator
-        begun = actuator.start(ops, p, start.fin_angle, start.encoder_offset)
-        measured = begun["measured_fin_angle"]
-        turned = self._encoder(ops, actuator.plant_parameters(ops, p), actuator.position(ops, p, Record(**begun)))
-        last = _LastSample(0.0, turned, 0.0, p.fin.start_angle, measured, measured)
-        return {**begun, **_named(_LAST_SAMPLE, last), **dict.fromkeys(_EARLIER_COMMANDS, p.fin.start_angle),
+        at_rest = actuator.start(ops, p, start.fin_angle, start.encoder_offset)
+        measured = at_rest["measured_fin_angle"]
+        plant = actuator.plant_parameters(ops, p)
+        encoder_angle = self._encoder(ops, plant, actuator.position(ops, p, Record(**at_rest)))
+        last = _LastSample(0.0, encoder_angle, 0.0, p.fin.start_angle, measured, measured)
+        return {**at_rest, **_named(_LAST_SAMPLE, last), **dict.fromkeys(_EARLIER_COMMANDS, p.fin.start_angle),
                 **_named(_FAULT_STATES, SOUND)}
 
     def sample(self, ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
@@ -129,9 +130,9 @@ class _Faulty:
             if fault.lasting:
                 declared[fault.name] = ops.either(declared[fault.name], getattr(x, self.of_kind[fault.name]) > 0.0)
 
-        angle, offset, seen, turned = self._seen(ops, p, x, inputs, last, on)
-        late = ops.floor(p.fault.command_delay.time / p.controller.sample_time + 0.5)
-        arriving = ops.where(on["command_delay"], _picked(ops, late, (inputs.command, *earlier_commands)),
+        angle, offset, position, as_read = self._seen(ops, p, x, inputs, last, on)
+        delay = ops.floor(p.fault.command_delay.time / p.controller.sample_time + 0.5)
+        arriving = ops.where(on["command_delay"], _picked(ops, delay, (inputs.command, *earlier_commands)),
                              inputs.command)
         command = ops.where(on["command_freeze"], last.command, arriving)
 
@@ -140,29 +141,29 @@ class _Faulty:
         for active in (*(on[name] for name in _OF_PLANT), *declared.values()):
             acts = ops.either(acts, active)
         permanent = {"free_fin": now.free > 0.0, "backlash_growth": now.gap > 0.0}
-        shown = {**general, **{name: still for name, still in permanent.items() if name in general}, **declared}
+        flagged = {**general, **{name: still for name, still in permanent.items() if name in general}, **declared}
 
         supply = now.supply * inputs.supply
-        sampled = actuator.sampled(ops, p, x.replace(**turned),
-                                   inputs.replace(command=command, supply=supply, position=seen))
+        sampled = actuator.sampled(ops, p, x.replace(**as_read),
+                                   inputs.replace(command=command, supply=supply, position=position))
         reference = sampled["reference"]
         if any(fault.name == "hard_over" for fault in self.faults):
             full = next(full(p) for kind, full in fault_list.FULL_REFERENCE.items() if kind in actuator.provides)
             reference = ops.where(ops.both(on["hard_over"], inputs.enable), p.fault.hard_over.share * full, reference)
 
         # The monitors are active only in closed loop.
-        here = PlantInputs(reference=0.0, **vars(NONE), supply=supply, enabled=inputs.enable, rated_current_limit=None,
-                           **{v.name: 0.0 for v in actuator.acting_inputs},
-                           **{s.name: sampled[s.name] for s in actuator.sampled_states})
-        watching = ops.both(inputs.enable, ops.equal(self._status(ops, p, x, here), OPERATIONAL))
+        u = PlantInputs(reference=0.0, **vars(NONE), supply=supply, enabled=inputs.enable, rated_current_limit=None,
+                        **{v.name: 0.0 for v in actuator.acting_inputs},
+                        **{s.name: sampled[s.name] for s in actuator.sampled_states})
+        watching = ops.both(inputs.enable, ops.equal(self._status(ops, p, x, u), OPERATIONAL))
         has_current = capabilities.MOTOR_CURRENT in actuator.provides
-        seen_by = monitors.Watched(
+        measurements = monitors.Watched(
             command, sampled["measured_fin_angle"], last.measured, last.modelled, reference,
-            actuator.motor_current(ops, p, x, here) if has_current else 0.0, supply, watching)
-        modelled = monitors.modelled(ops, p, monitors.response(p, actuator), seen_by)
+            actuator.motor_current(ops, p, x, u) if has_current else 0.0, supply, watching)
+        modelled = monitors.modelled(ops, p, monitors.response(p, actuator), measurements)
         counted, tripped = monitors.judged(ops, q, self.watched, modelled, _of(x, self.counters), _of(x, self.flags),
-                                           seen_by)
-        now = now._replace(acting=ops.where(acts, 1.0, 0.0), faults=fault_list.word(ops, self.bits, shown),
+                                           measurements)
+        now = now._replace(acting=ops.where(acts, 1.0, 0.0), faults=fault_list.word(ops, self.bits, flagged),
                            built_in_test=monitors.word(self.watched, tripped), verdict=monitors.verdict(ops, tripped))
         this = _LastSample(last.samples + 1.0, angle, offset, command, sampled["measured_fin_angle"], modelled)
         return {**sampled, "reference": reference, **_named(_LAST_SAMPLE, this), **_named(self.counters, counted),
@@ -209,8 +210,8 @@ class _Faulty:
             outputs |= _off_shaft(ops, q, x, u, outputs)
         verdict = ops.where(u.enabled, f.verdict, DISABLED)
         if self.has_status:
-            known = self._status(ops, p, x, u)
-            verdict = ops.where(ops.equal(known, OPERATIONAL), verdict, known)
+            status = self._status(ops, p, x, u)
+            verdict = ops.where(ops.equal(status, OPERATIONAL), verdict, status)
         return {**outputs, STATUS.name: verdict, FAULT_WORD: f.faults, BUILT_IN_TEST.name: f.built_in_test}
 
     def _encoder(self, ops: Ops, p: Any, angle: Value) -> Value:
@@ -242,13 +243,14 @@ class _Faulty:
         wrong = ops.either(ops.either(on["encoder_bias"], ops.negate(ops.equal(offset, 0.0))), off)
         bias = ops.where(on["encoder_bias"], p.fault.encoder_bias.angle, 0.0)
         # Without a fault the angle is unchanged to the bit.
-        (seen,) = ops.branch(wrong, lambda: (self._read(ops, plant, angle + offset, bias),), lambda: (inputs.position,))
+        (position,) = ops.branch(wrong, lambda: (self._read(ops, plant, angle + offset, bias),),
+                                 lambda: (inputs.position,))
         # The speed is that of the motor's encoder, even with another one on the fin.
-        turned = {angle_name: seen, rate_name: counting * speed}
+        as_read = {angle_name: position, rate_name: counting * speed}
         if self.geared:
-            turned = {name: ops.where(plant.encoder.on_fin, getattr(x, name), counted)
-                      for name, counted in turned.items()}
-        return angle, offset, seen, turned
+            as_read = {name: ops.where(plant.encoder.on_fin, getattr(x, name), counted)
+                      for name, counted in as_read.items()}
+        return angle, offset, position, as_read
 
     def _amounts(self, ops: Ops, p: Any, before: FaultStates, on: Mapping[str, Value]) -> FaultStates:
         """Return the amounts of the plant's faults from this sample on; `before` are the amounts of the last sample."""

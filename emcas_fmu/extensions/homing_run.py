@@ -126,8 +126,8 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
             starts: Value, phase: Value, g: Progress) -> dict[str, Value]:
     way = _way(ops, with_values(p, actuator.nominal), actuator)
     period, limit = p.controller.sample_time, p.homing.reference_limit
-    at = reading(ops, p, inputs.position, seen["counts"], g.offset)
-    target, origin, mark = (ops.where(starts, at, x) for x in (g.target, g.origin, g.mark))
+    position = reading(ops, p, inputs.position, seen["counts"], g.offset)
+    target, origin, mark = (ops.where(starts, position, x) for x in (g.target, g.origin, g.mark))
     stalled, elapsed = (ops.where(starts, 0.0, x) for x in (g.stalled, g.elapsed))
     seeks, crosses, returns = (ops.equal(phase, x) for x in (SEEKING, CROSSING, RETURNING))
 
@@ -145,24 +145,24 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
                               "controller.position.velocity_feedforward": 0.0})
     if cascaded:
         at_motor = kinematics.motor_angle(ops, actuator.equation_parameters(ops, p), seen["measured_fin_angle"])
-        weighed = controllers.resting_integral(p, at_motor)
-        integral = ops.where(starts, x.integral - weighed, x.integral)
+        resting = controllers.resting_integral(p, at_motor)
+        integral = ops.where(starts, x.integral - resting, x.integral)
         x = x.replace(integral=integral + forward)
-    moved = actuator.sampled(ops, pushing, x, inputs)
+    out = actuator.sampled(ops, pushing, x, inputs)
 
-    pressed = ops.fabs(moved["reference"]) >= limit * _EDGE
+    pressed = ops.fabs(out["reference"]) >= limit * _EDGE
     window = _STILL * speed * p.homing.stall_time
     # A change by one count is not motion.
     window = ops.where(p.encoder.enabled, ops.maximum(window, 1.0), window)
-    still = ops.both(pressed, ops.fabs(at - mark) <= window)
+    still = ops.both(pressed, ops.fabs(position - mark) <= window)
     back = ops.both(returns, ops.both(ops.equal(target, 0.0),
-                                      ops.fabs(at) <= p.homing.return_tolerance * way.per_angle))
+                                      ops.fabs(position) <= p.homing.return_tolerance * way.per_angle))
     lasts = ops.either(still, back)
-    stalled, mark = ops.where(lasts, stalled + period, 0.0), ops.where(still, mark, at)
+    stalled, mark = ops.where(lasts, stalled + period, 0.0), ops.where(still, mark, position)
     stall = stalled >= p.homing.stall_time * _EDGE
     elapsed = elapsed + period
 
-    travel, tolerance = ops.fabs(at - origin), p.homing.travel_tolerance * way.per_angle
+    travel, tolerance = ops.fabs(position - origin), p.homing.travel_tolerance * way.per_angle
     fits = ops.fabs(travel - way.span) <= tolerance
     lost = ops.both(ops.negate(returns), travel > way.span + tolerance)
     verify = p.homing.verify
@@ -174,15 +174,15 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     after = ops.where(fails, FAILED, after)
 
     # The change of the offset, in whole counts; at a reversal the measurements of the phase begin again.
-    wrong = ops.where(seeks, way.first - at, way.middle - 0.5 * (at + origin))
-    shift = ops.where(sets, ops.where(p.encoder.enabled, ops.floor(wrong + 0.5), wrong), 0.0)
-    here = at + shift
+    error = ops.where(seeks, way.first - position, way.middle - 0.5 * (position + origin))
+    shift = ops.where(sets, ops.where(p.encoder.enabled, ops.floor(error + 0.5), error), 0.0)
+    here = position + shift
     target, origin, mark = (ops.where(turns, here, x) for x in (target, origin, mark))
-    anew = ops.either(turns, fails)
+    restarts = ops.either(turns, fails)
     now = Progress(g.offset + shift, target, origin, ops.where(turns, 0.0, stalled), mark, elapsed)
-    after_sample = {**moved, "reference": ops.where(fails, 0.0, moved["reference"]),
+    after_sample = {**out, "reference": ops.where(fails, 0.0, out["reference"]),
                     "measured_fin_angle": seen["measured_fin_angle"], **_named(after, now)}
     if cascaded:
-        after_sample["integral"] = ops.where(anew, 0.0, moved["integral"] - forward)
-        after_sample["velocity_integral"] = ops.where(anew, 0.0, moved["velocity_integral"])
+        after_sample["integral"] = ops.where(restarts, 0.0, out["integral"] - forward)
+        after_sample["velocity_integral"] = ops.where(restarts, 0.0, out["velocity_integral"])
     return after_sample

@@ -106,16 +106,16 @@ def extend(actuator: Actuator) -> Actuator:
         before = (inputs.position, getattr(x, angle_name), getattr(x, rate_name))
 
         def measured() -> tuple[Value, ...]:
-            position, turned, speed = before
-            seen = read(ops, p, position, p.sensor.encoder.noise * z)
-            faster = sensor_errors.slope(ops, p, turned) * speed
+            position, angle, speed = before
+            reading = read(ops, p, position, p.sensor.encoder.noise * z)
+            with_error = sensor_errors.slope(ops, p, angle) * speed
             if not geared:
-                return seen, seen, faster
+                return reading, reading, with_error
             exact = on_fin(ops, p)
-            return seen, ops.where(exact, turned, seen), ops.where(exact, speed, faster)
+            return reading, ops.where(exact, angle, reading), ops.where(exact, speed, with_error)
 
-        position, turned, speed = ops.branch(errs(ops, p), measured, lambda: before)
-        changes = {angle_name: turned, rate_name: speed}
+        position, angle, speed = ops.branch(errs(ops, p), measured, lambda: before)
+        changes = {angle_name: angle, rate_name: speed}
         if measures_current:
             changes["motor_current"] = sensor_errors.current(p, x.motor_current)
         out = actuator.sample(ops, p, x.replace(**changes), inputs.replace(position=position))

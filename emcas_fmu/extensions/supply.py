@@ -131,10 +131,10 @@ def extend(actuator: Actuator) -> Actuator:
             if built.structure.inverter:
                 end = _at_end(ops, built, x, acting, start[1], end)
         power = _mean_power(ops, p, start, end, ratio)
-        link, given = supply.moved(ops, p, link, u.supply, supply.load_current(ops, p, middle, power), used)
+        link, charge = supply.moved(ops, p, link, u.supply, supply.load_current(ops, p, middle, power), used)
         tripped = ops.either(ops.both(trips, used >= h), supply.tripped(ops, p, link, x.supply_tripped))
         return {**moved, "link_voltage": link, "supply_tripped": ops.where(tripped, 1.0, 0.0),
-                "supply_charge": x.supply_charge + given}, used
+                "supply_charge": x.supply_charge + charge}, used
 
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         link, enabled = _link(ops, p, x, u.supply, u.enabled)

@@ -102,16 +102,16 @@ def _extend(actuator: Actuator) -> Actuator:
         def begun() -> tuple[Value, ...]:
             expected, rate, per_time = reached(ops, built, x)
             known = ops.negate(ops.equal(x.step_met, _BEFORE))
-            off = ops.where(known, u.hinge_rate - expected, 0.0)
+            difference = ops.where(known, u.hinge_rate - expected, 0.0)
             advance = (u.hinge_angle - x.host_angle) * per_time
             mean = 0.5 * (x.host_rate + u.hinge_rate)
             euler, exact = ops.fabs(advance - u.hinge_rate), ops.fabs(advance - mean)
-            shown = ops.both(known, ops.fabs(u.hinge_rate - x.host_rate) > _CHANGED)
-            is_mean = ops.where(shown, ops.where(euler < exact, 1.0, 0.0), x.rate_is_mean)
-            rate = ops.where(known, rate + ops.where(x.rate_is_mean > 0.0, 1.5, 1.0) * off, u.hinge_rate)
+            changes = ops.both(known, ops.fabs(u.hinge_rate - x.host_rate) > _CHANGED)
+            is_mean = ops.where(changes, ops.where(euler < exact, 1.0, 0.0), x.rate_is_mean)
+            rate = ops.where(known, rate + ops.where(x.rate_is_mean > 0.0, 1.5, 1.0) * difference, u.hinge_rate)
             angle = kinematics.motor_angle(ops, built, within(ops, built, u.hinge_angle))
             return (angle, rate * _ratio(ops, built, angle), u.step_begin, 0.0, u.hinge_angle, u.hinge_rate,
-                    x.host_load + _inertia(ops, built) * off * per_time, is_mean)
+                    x.host_load + _inertia(ops, built) * difference * per_time, is_mean)
 
         names = ("motor_angle", "motor_speed", *(s.name for s in STATES))
         kept = tuple(getattr(x, name) for name in names)

@@ -81,9 +81,9 @@ def _screw_side(p: Any) -> Any:
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
     """Return the states with the fin at rest, the motor at its start speed and the bias current in both coils."""
-    begun = dict(nonlinear.initial(ops, _screw_side(p), start))
-    angle, bias = begun.pop("motor_angle"), p.clutch.bias_current
-    return {**begun, "screw_angle": angle, "motor_speed": p.motor.start_speed,
+    at_rest = dict(nonlinear.initial(ops, _screw_side(p), start))
+    angle, bias = at_rest.pop("motor_angle"), p.clutch.bias_current
+    return {**at_rest, "screw_angle": angle, "motor_speed": p.motor.start_speed,
             **dict.fromkeys(("coil_current_1", "coil_current_2", "flux_1", "flux_2"), bias),
             "clutch_temperature": p.friction.temperature}
 
@@ -99,9 +99,9 @@ def _coils(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[clutch.Coil, cl
     """Return both coils: a net current reference [A] goes to the coil of its sign; the bias is added to both."""
     net = drive.current_reference(ops, p, u.reference)
     # |net| instead of a maximum: its slope at 0 is the mean of both sides, as linear analysis needs it.
-    larger, bias = 0.5 * ops.fabs(net), p.clutch.bias_current
-    first = ops.where(u.enabled, p.coil.connected_1 * (bias + (larger + 0.5 * net)), 0.0)
-    second = ops.where(u.enabled, bias + (larger - 0.5 * net), 0.0)
+    half_size, bias = 0.5 * ops.fabs(net), p.clutch.bias_current
+    first = ops.where(u.enabled, p.coil.connected_1 * (bias + (half_size + 0.5 * net)), 0.0)
+    second = ops.where(u.enabled, bias + (half_size - 0.5 * net), 0.0)
     return (clutch.coil(ops, p, first, p.drive.kp, x.coil_current_1, u.supply),
             clutch.coil(ops, p, second, p.drive.kp, x.coil_current_2, u.supply))
 
@@ -118,8 +118,8 @@ def _bodies(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Bodies:
     screw = c.load - wet * x.screw_speed + c.centrifugal * x.screw_speed * x.screw_speed
     current = ops.where(m.feeds, _surplus(ops, p, x.motor_speed, u) / p.motor.resistance, 0.0)
     motor = drive.torque(p, current) - p.motor.viscous_friction * x.motor_speed
-    warm = clutch.share_at(ops, p, x.clutch_temperature)
-    capacities = (clutch.capacity(p, flux, warm * share) for flux, share in (
+    share_at_temperature = clutch.share_at(ops, p, x.clutch_temperature)
+    capacities = (clutch.capacity(p, flux, share_at_temperature * share) for flux, share in (
         (x.flux_1, p.clutch.share_1), (x.flux_2, p.clutch.share_2)))
     return Bodies((c.inertia, clutches.rotor_inertia(p)), (screw, motor),
                   (m.dry, Dry(p.motor.coulomb_friction, p.motor.coulomb_friction), *(Dry(t, t) for t in capacities)))

@@ -38,9 +38,9 @@ SHAFT = replace(groups.SHAFT, provides=()).reworded(
 
 
 @rule("drive_line.fork_stiffness = %.6g, drive_line.shaft_stiffness = %.6g and drive_line.structure_stiffness = %.6g "
-      "N.m/rad: the compliance about the hinge is %.6g rad/(N.m), more than 1e+100; raise the smallest, or set it to "
-      "0, which is rigid")
-def hinge_yields(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+      "N.m/rad: the compliance about the hinge is %.6g rad/(N.m), more than 1e+100; raise the smallest stiffness, "
+      "or set it to 0 (rigid)")
+def stiff_hinge(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     line = p.drive_line
     compliance = drive_line.hinge_compliance(ops, p)
     too_soft = ops.negate(compliance <= _MOST_COMPLIANT)
@@ -88,8 +88,8 @@ SCREW = groups.SCREW.reworded({"assembly position": "assembly position, before t
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
     """Return the states of plant and controllers at rest at a fin angle, with the nut in the middle of its gap."""
-    begun = nonlinear.initial(ops, p, start)
-    return {**begun, FIN_SIDE[0]: begun["motor_angle"]}
+    at_rest = nonlinear.initial(ops, p, start)
+    return {**at_rest, FIN_SIDE[0]: at_rest["motor_angle"]}
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
@@ -151,7 +151,7 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
 COMPOSITION = interface.composed(moment, *groups.with_screw(SCREW), groups.LOSSLESS, SHAFT, *groups.SERVO, *LINE)
 ACTUATOR = replace(
     nonlinear.ACTUATOR,
-    **COMPOSITION.declared((*plausibility.RULES, hinge_yields)),
+    **COMPOSITION.declared((*plausibility.RULES, stiff_hinge)),
     name="elastic",
     title="nonlinear electromechanical actuator with elastic drive line and backlash",
     states=STATES,

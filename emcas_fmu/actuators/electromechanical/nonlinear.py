@@ -23,9 +23,9 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
     """Return the states of plant and controllers at rest at a fin angle."""
     plant = as_built(ops, p)
     angle = kinematics.motor_angle(ops, plant, start.fin_angle)
-    turned = sensors.motor_counts(ops, p, angle)
-    measured = sensors.measure(ops, p, plant, angle, angle, 0.0, turned, start.encoder_offset)
-    return {"motor_angle": angle, "counts": measured.counts, "motor_counts": turned,
+    motor_counts = sensors.motor_counts(ops, p, angle)
+    measured = sensors.measure(ops, p, plant, angle, angle, 0.0, motor_counts, start.encoder_offset)
+    return {"motor_angle": angle, "counts": measured.counts, "motor_counts": motor_counts,
             "measured_fin_angle": measured.fin_angle,
             **controllers.at_rest(ops, p, measured, start.fin_angle)._asdict()}
 
@@ -44,10 +44,10 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
         out = controllers.sample(ops, p, loops, measured, x.motor_current, inputs.command, inputs.ahead)
         return out.reference, ops.where(out.limited, 1.0, 0.0), *out.loops
 
-    reference, limited, *kept = ops.branch(
+    reference, limited, *after = ops.branch(
         inputs.enable, running, lambda: (0.0, 0.0, *controllers.at_rest(ops, p, measured, inputs.command)))
     return {"reference": reference, "counts": measured.counts, "motor_counts": measured.motor_counts,
-            "measured_fin_angle": measured.fin_angle, "limited": limited, **controllers.Loops(*kept)._asdict(),
+            "measured_fin_angle": measured.fin_angle, "limited": limited, **controllers.Loops(*after)._asdict(),
             **observed}
 
 

@@ -93,9 +93,9 @@ def _as_one(p: Any) -> Any:
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
     """Return the states of plant and controllers at rest at a fin angle, with the clutch engaged."""
-    begun = dict(nonlinear.initial(ops, _as_one(p), start))
-    angle, current = begun.pop("motor_angle"), p.coil.connected * p.clutch.rated_current
-    return {**begun, "screw_angle": angle, "coil_current": current, "flux": current,
+    at_rest = dict(nonlinear.initial(ops, _as_one(p), start))
+    angle, current = at_rest.pop("motor_angle"), p.coil.connected * p.clutch.rated_current
+    return {**at_rest, "screw_angle": angle, "coil_current": current, "flux": current,
             "clutch_temperature": p.friction.temperature}
 
 

@@ -58,7 +58,7 @@ def longest_tick(ops: Ops, p: Any) -> Value:
 
 
 ACTUATOR = COMPOSITION.over(
-    elastic.ACTUATOR, geared, (*worm_gear.RULES, elastic.hinge_yields),
+    elastic.ACTUATOR, geared, (*worm_gear.RULES, elastic.stiff_hinge),
     name="worm-gear-elastic",
     title="electromechanical actuator with a worm gear whose mesh yields and has backlash",
     origin=worm_gear.ACTUATOR.origin,
