@@ -51,7 +51,7 @@ def test_no_markup_is_left(model: str, fins: int, monkeypatch: pytest.MonkeyPatc
 
 def test_references_and_names_are_code(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "elastic drive line between them (<code>physics.drive_line</code>)" in page("elastic", 1, monkeypatch)
-    assert "measures the position, unless <code>encoder.on_fin</code> selects an" in page("elastic", 1, monkeypatch)
+    assert "unless <code>encoder.on_fin</code> selects a second" in page("elastic", 1, monkeypatch)
     assert prose("a < b, ``c`` and `d`") == "a &lt; b, <code>c</code> and <code>d</code>"
 
 
@@ -59,7 +59,7 @@ def test_equations_keep_their_lines_and_prose_does_not(monkeypatch: pytest.Monke
     text = page("nonlinear", 1, monkeypatch)
     # Aligned columns, without the docstring's indentation; keys scroll what is wider than a telephone.
     assert '<pre tabindex="0">a_h = a + w&#39; x r + w x (w x r)' in text
-    assert "<p>With R = dtheta/ddelta and ddelta = w/R - R&#39; w^2/R^3 the hinge equation</p>" in text
+    assert "the fin rate q = w/R and dq/dt = (dw/dt)/R - R&#39; w^2/R^3, the hinge equation</p>" in text
     assert re.search(r">Equation of motion \(2.8\)-\(2.17\), written for the motor angle</h3>", text)
 
 
