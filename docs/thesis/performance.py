@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import degrees, isnan, radians
+from math import degrees, radians
 
 import numpy as np
 
@@ -117,8 +117,7 @@ def bode(runs: Runs) -> Shown:
         response = sweep_response(runs.case(name))
         plots.bode(gain, phase, response.frequency, response.gain_db, np.degrees(response.phase),
                    (response.bandwidth, response.phase_bandwidth), color=color, label=label)
-        rows.append((label, *(f"beyond {response.beyond:.3g}" if isnan(at) else at
-                              for at in (response.bandwidth, response.phase_bandwidth))))
+        rows.append((label, *response.stated))
     plots.bode_axes(gain, phase)
     gain.axvline(10.0, **plots.LIMIT)
     phase.axvline(10.0, **plots.LIMIT)

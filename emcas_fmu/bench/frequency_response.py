@@ -6,13 +6,14 @@ Frequencies are in Hz, phases in rad, gains are ratios; columns are sampled unif
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, isfinite, nan, pi
+from math import inf, isnan, nan, pi
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from ..pages.numbers import number
 from .metrics import Array, crossing
 
 if TYPE_CHECKING:
@@ -48,28 +49,42 @@ class FrequencyResponse:
             return 20.0 * np.log10(self.gain)
 
     @property
+    def _losses(self) -> tuple[tuple[Array, float], ...]:
+        """The loss of gain [dB] and the lag [deg], each with its limit for a bandwidth."""
+        return (-self.gain_db, 3.0), (-np.degrees(self.phase), 90.0)
+
+    @property
+    def crossings(self) -> tuple[float, float]:
+        """Lowest frequencies [Hz] with a gain of -3 dB or less and with a lag of 90 deg or more; nan if there is none.
+        """
+        gain, phase = (float(crossing(self.frequency, *loss)) for loss in self._losses)
+        return gain, phase
+
+    @property
+    def bandwidths(self) -> tuple[float, float]:
+        """`crossings`, but nan also where the loss is too large from the lowest frequency on."""
+        gain, phase = (nan if loss[0] >= limit else at
+                       for (loss, limit), at in zip(self._losses, self.crossings, strict=True))
+        return gain, phase
+
+    @property
     def bandwidth(self) -> float:
-        """Lowest frequency [Hz] at which the gain falls 3 dB below unity; nan if it does not."""
-        return float(crossing(self.frequency, -self.gain_db, 3.0))
+        """Frequency [Hz] at which the gain falls to -3 dB; nan if it does not within the response."""
+        return self.bandwidths[0]
 
     @property
     def phase_bandwidth(self) -> float:
-        """Lowest frequency [Hz] at which the response lags by 90 degrees; nan if it does not."""
-        return float(crossing(self.frequency, -np.degrees(self.phase), 90.0))
+        """Frequency [Hz] at which the lag rises to 90 degrees; nan if it does not within the response."""
+        return self.bandwidths[1]
 
     @property
-    def beyond(self) -> float:
-        """Highest frequency [Hz], a lower bound of a bandwidth that is nan; nan if a gain is not finite."""
-        measured = len(self.gain) > 0 and bool(np.all(np.isfinite(self.gain)))
-        return float(self.frequency[-1]) if measured else nan
-
-    @property
-    def bandwidths(self) -> str:
-        """Both bandwidths in words."""
-        return ", ".join(
-            f"{level} at {at:.1f} Hz" if isfinite(at) else
-            f"{level} above {self.beyond:.4g} Hz" if isfinite(self.beyond) else f"no {level}"
-            for level, at in (("-3 dB", self.bandwidth), ("-90 deg", self.phase_bandwidth)))
+    def stated(self) -> tuple[str, str]:
+        """Both bandwidths [Hz] as text; with ``< `` or ``> `` an end of the response, with a dash if it has gaps."""
+        complete = np.all(np.isfinite(self.gain)) and np.all(np.isfinite(self.phase))
+        gain, phase = (f"< {number(at)}" if not isnan(at) and isnan(within) else
+                       f"> {number(self.frequency[-1])}" if isnan(at) and complete else number(at)
+                       for at, within in zip(self.crossings, self.bandwidths, strict=True))
+        return gain, phase
 
 
 def of_ratio(frequency: Array, ratio: NDArray[Any]) -> FrequencyResponse:
@@ -121,8 +136,9 @@ def sweep_response(run: Run, low: float = SWEPT[0], high: float = SWEPT[1]) -> F
 def swept(response: FrequencyResponse) -> dict[str, float]:
     """Return the figures of a frequency response: bandwidths [Hz], peak gain [dB], lowest coherence [-]."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        in_band = response.frequency <= (inf if np.isnan(response.bandwidth) else response.bandwidth)
-        return {"bandwidth_3db": response.bandwidth, "bandwidth_90deg": response.phase_bandwidth,
+        gain, phase = response.crossings
+        in_band = response.frequency <= (inf if isnan(gain) else gain)
+        return {"bandwidth_3db": gain, "bandwidth_90deg": phase,
                 "peak_gain": float(np.max(response.gain_db)) if len(response.gain) else nan,
                 "lowest_coherence": float(np.min(response.coherence[in_band])) if in_band.any() else nan}
 

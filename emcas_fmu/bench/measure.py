@@ -45,6 +45,11 @@ TRANSIENT = (2.0, 0.1)  # smallest number of cycles before the fit, and their sh
 REST = 4.0  # s, duration of the rest after the history of use
 
 
+def bound(bandwidth: float) -> str:
+    """Return the sign ``< `` or ``> `` of a bandwidth [Hz] at an end of the search, which is only a bound; or ""."""
+    return "< " if bandwidth <= BANDWIDTHS[0] else "> " if bandwidth >= BANDWIDTHS[1] else ""
+
+
 @dataclass(frozen=True)
 class Test:
     """A test of a requirement, of one of these kinds:

@@ -21,7 +21,7 @@ from rich.text import Text
 from ..pages.numbers import number
 from ..pages.terminal import table
 from ..support.progress import Progress, silent
-from .measure import BANDWIDTHS, KINDS, measure
+from .measure import KINDS, bound, measure
 from .requirements import Case, Requirement, Specification
 from .subject import Identification, Subject
 from .writers import junit_case
@@ -81,7 +81,7 @@ class Judged:
     @property
     def more(self) -> str:
         """The sign ``< `` or ``> `` before a figure that is only a bound; otherwise empty."""
-        return "" if not self.beyond or self.measured is None else "< " if self.measured <= BANDWIDTHS[0] else "> "
+        return bound(self.measured) if self.beyond and self.measured is not None else ""
 
     @property
     def more_margin(self) -> str:
@@ -161,7 +161,7 @@ def judged(r: Requirement, figures: Sequence[Measured], subject: Subject) -> Jud
     clipped = r.test and r.test.amplitude > subject.command_limit * (1.0 + 1e-9)
     return Judged(**fixed, measured=worst.measured * factor,
                   note=f"commands are clipped to {degrees(subject.command_limit):.6g} deg" if clipped else "",
-                  beyond=r.figure in KINDS["sine"] and not BANDWIDTHS[0] < worst.measured < BANDWIDTHS[1])
+                  beyond=r.figure in KINDS["sine"] and bool(bound(worst.measured)))
 
 
 def _why(r: Requirement, measured: float) -> str:

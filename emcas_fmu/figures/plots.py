@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from html import escape
 from io import StringIO
@@ -161,7 +161,7 @@ def pictures(drawings: Iterable[Drawing | None]) -> list[Picture]:
         return [picture(d.figure, d.title, d.caption) for d in drawings if d is not None]
 
 
-def bode(gain: Axes, phase: Axes, frequency: Any, gain_db: Any, phase_deg: Any, marks: tuple[float, float],
+def bode(gain: Axes, phase: Axes, frequency: Any, gain_db: Any, phase_deg: Any, marks: Sequence[float],
          **look: Any) -> None:
     """Plot gain [dB] and phase [deg] over frequency [Hz]; dots are at `marks`, the frequencies of -3 dB and -90 deg."""
     gain.semilogx(frequency, gain_db, **look)
@@ -185,7 +185,7 @@ def frequency_axis(axes: Axes, ticks: Iterable[float]) -> None:
     axes.minorticks_off()
 
 
-def frequency_responses(curves: Iterable[tuple[Any, tuple[float, float], Mapping[str, Any]]],
+def frequency_responses(curves: Iterable[tuple[Any, Sequence[float], Mapping[str, Any]]],
                         required: Iterable[float] = ()) -> Figure:
     """Return a figure of gain, phase and coherence over frequency.
 

@@ -118,8 +118,7 @@ def measured() -> dict[str, list[Any]]:
                   for each in (responses, responses[0]) for level in (0.2, -0.1)],
         "rates": [metrics.sustained_rate(time, each, 0.2, 0.15) for each in responses],
         "energies": metrics.energies(time, power), "leaps": [weights, metrics.leaping_power(power[:60], weights)],
-        "frequency response": [response, response.gain_db, response.bandwidth, response.phase_bandwidth,
-                               response.beyond, response.bandwidths, swept(response)],
+        "frequency response": [response, response.gain_db, *response.crossings, *response.stated, swept(response)],
         "fundamental": [fundamental(time, responses[0] + 0.3 * np.cos(11.0 * time), 11.0 / 6.0, drift)
                         for drift in (True, False)],
         "held": held(0.3 + 0.2j, 9.0, 4e-3), "breakaway": metrics.breakaway(power, responses[0]),

@@ -152,7 +152,7 @@ def check_verdict(browser: Browser, expected: Sequence[Judged], values: Mapping[
             assert j.skipped, j.name
             continue
         assert not j.skipped, j.name
-        assert (one["passed"], bool(one["beyond"])) == (j.passed, j.beyond), j.name
+        assert (one["passed"], bool(one["bound"])) == (j.passed, j.beyond), j.name
         if j.measured is None:
             assert one["value"] is None or not math.isfinite(one["value"]), j.name
         else:

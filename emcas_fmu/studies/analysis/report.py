@@ -41,7 +41,7 @@ def figures_of(analysis: Analysis) -> dict[str, Any]:
             "command_step_deg": final_values.COMMAND, "load_step_nm": RATED,
             **analysis.final_values},
         "sweep": [{"amplitude_deg": degrees(s.amplitude), "bandwidth_3db_hz": s.response.bandwidth,
-                   "bandwidth_90deg_hz": s.response.phase_bandwidth,
+                   "bandwidth_90deg_hz": s.response.phase_bandwidth, "bandwidths": s.response.stated,
                    "limit_onset_hz": {name: s.onset(name) for name in LIMITS[:len(s.active)]},
                    "frequency_hz": s.response.frequency, "gain_db": s.response.gain_db,
                    "phase_deg": np.degrees(s.response.phase),
@@ -133,8 +133,7 @@ def tables(f: dict[str, Any], reference: str) -> dict[str, Rows]:
     limits = () if "limits" in f["left_out"] else ("rate limited", "current", "voltage", "analogue reference")
     sections["sweep"] = Rows("Bandwidth and first limit against amplitude", [
         ">amplitude [deg]", ">-3 dB [Hz]", ">-90 deg [Hz]", *(f">{limit} from [Hz]" for limit in limits)], [
-            [s["amplitude_deg"], s["bandwidth_3db_hz"], s["bandwidth_90deg_hz"], *s["limit_onset_hz"].values()]
-            for s in f["sweep"]])
+            [s["amplitude_deg"], *s["bandwidths"], *s["limit_onset_hz"].values()] for s in f["sweep"]])
     return sections
 
 

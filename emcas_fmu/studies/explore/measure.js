@@ -103,6 +103,12 @@ function frequencyResponse(amplitude, load, respond) {
     return {frequency: pure.map(([f]) => f), ...bode(pure.map(([, response]) => response), 0), ...levels};
 }
 
+/** The sign of a bandwidth [Hz] at an end of the search, which is only a bound; otherwise "". */
+function boundOf(bandwidth) {
+    const [lowest, highest] = DATA.constants.BANDWIDTHS;
+    return bandwidth <= lowest ? "< " : bandwidth >= highest ? "> " : "";
+}
+
 /** The verdict on a requirement: value and margin in the requirement's unit, margin in % of the limit, worst case, and
     whether the requirement is met. `measured` has the figures of all directions for each test and case. */
 function judged({test, figure, cases, sense, limit, factor}, measured) {
@@ -111,6 +117,6 @@ function judged({test, figure, cases, sense, limit, factor}, measured) {
     const worst = worse(...values), value = worst * factor, margin = most ? limit - value : value - limit;
     return {value, margin, percent: limit ? 100 * margin / Math.abs(limit) : NaN,
         case: cases[values.findIndex(x => Object.is(x, worst))],
-        beyond: figure.startsWith("bandwidth") && worst >= DATA.constants.BANDWIDTHS[1],
+        bound: figure.startsWith("bandwidth") ? boundOf(worst) : "",
         passed: Number.isFinite(value) && margin >= 0};
 }

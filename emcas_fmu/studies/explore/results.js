@@ -109,8 +109,8 @@ const JUDGED = DATA.requirements.filter(({left_out: leftOut}) => !leftOut);
 const required = ({sense, limit, unit}) => `${sense === ">=" ? "≥" : "≤"} ${withUnit(limit, unit)}`;
 
 /** Mark, value and worst case of a verdict as text. */
-function verdictText({unit, cases}, {value, case: worst, beyond, passed}) {
-    const text = Number.isNaN(value) ? "no value" : `${beyond ? "> " : ""}${withUnit(value, unit)}`;
+function verdictText({unit, cases}, {value, case: worst, bound, passed}) {
+    const text = Number.isNaN(value) ? "no value" : `${bound}${withUnit(value, unit)}`;
     return `${passed ? "✓" : "✗"} ${text}${cases.length > 1 ? `, ${worst}` : ""}`;
 }
 
@@ -165,8 +165,8 @@ function drawResponses(bode, cases) {
 }
 
 function bodeSummary(cases) {
-    const at = x => x === undefined ? "without a value" :
-        x < DATA.constants.BANDWIDTHS[1] ? `at ${shownNumber(x)} Hz` : `above ${shownNumber(x)} Hz`;
+    const where = {"< ": "below", "": "at", "> ": "above"};
+    const at = x => x === undefined ? "without a value" : `${where[boundOf(x)]} ${shownNumber(x)} Hz`;
     const one = ([label, {bandwidth_3db: gain, bandwidth_90deg: lag}]) =>
         `${label}: −3 dB ${at(gain)}, −90° ${at(lag)}`;
     return caseTexts(cases, ({responses}) => responses.map(one).join("; "));

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from ...bench import metrics
+from ...bench import measure, metrics
 from ...bench.excitation import Excitation
-from ...bench.measure import BANDWIDTHS
 from ...bench.metrics import FIGURES, in_words, result_name, unit_of
 from ...bench.requirements import Specification, load_requirements
 from ...bench.runs import Run
@@ -77,8 +76,8 @@ def displayed(figures: Mapping[str, float], chosen: tuple[Quantity, ...]) -> dic
 
 
 def bound(key: str, value: Value) -> str:
-    """Return the sign ``> `` before a bandwidth beyond the range of the search; otherwise empty."""
-    return "> " if key.startswith("bandwidth") and value >= BANDWIDTHS[1] else ""
+    """Return the sign ``< `` or ``> `` before a bandwidth beyond the range of the search; otherwise empty."""
+    return measure.bound(value) if key.startswith("bandwidth") else ""
 
 
 @dataclass(frozen=True)

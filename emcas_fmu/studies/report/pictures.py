@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import degrees, inf
+from math import degrees, inf, nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...bench.excitation import COMMAND, HOLD, LOAD
+from ...bench.measure import bound
 from ...bench.metrics import ACCURACY
 from ...bench.verdict import Judged
 from ...figures import plots, traces
@@ -68,7 +69,8 @@ def _steps(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
 
 def _bode(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
     figure = plots.frequency_responses(
-        ((group.data, (group.figures["bandwidth_3db_hz"], group.figures["bandwidth_90deg_hz"]),
+        ((group.data, tuple(nan if bound(value) else float(value) for value in
+                            (group.figures["bandwidth_3db_hz"], group.figures["bandwidth_90deg_hz"])),
           {"color": color, "label": group.label})
          for group, color in zip(outcome.groups.values(), plots.COLORS, strict=False)), limits)
     return figure, "Fundamental of fin angle over command; the dots mark -3 dB and -90 deg."

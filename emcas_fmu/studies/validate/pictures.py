@@ -131,7 +131,8 @@ def _bode(result: Result, cases: Mapping[tuple[str, str], CaseResult]) -> Drawin
     # The jump is real: steady sines of 3.5 deg, with the defaults, lag 81 deg at 13.5 Hz and 105 deg at 14 Hz.
     return Drawing(
         "Frequency response", figure, "Fundamental of fin angle over command, from the sweeps: "
-        + "; ".join(f"{look['label']}: {curve.bandwidths}" for curve, look in curves)
+        + "; ".join("{}: -3 dB at {} Hz, -90 deg at {} Hz".format(look["label"], *curve.stated)
+                    for curve, look in curves)
         + ". Where a large amplitude reaches the rate limit, the response jumps to a larger lag; "
         "within about 1 Hz of the jump the estimate is smeared, by up to 0.7 dB.")
 
