@@ -17,7 +17,7 @@ from pydantic import Field, PlainValidator, ValidationInfo, create_model, field_
 
 from .. import motions
 from ..errors import EmcasError
-from ..motions import SETTLE, STEP
+from ..motions import RATED, SETTLE, STEP
 from ..parameters import ParameterSet, shipped_file
 from ..parameters.schema import In, Table, document, each, kind_of, misplaced, named, parameter_of, read, unknown
 from ..variables import Variable
@@ -201,6 +201,12 @@ class Specification:
     requirements: tuple[Requirement, ...]
     cases: tuple[Case, ...] = (NOMINAL,)
     file: str = ""
+
+    @property
+    def rated_load(self) -> float:
+        """The hinge moment [N.m] of the first requirement on a loaded rate; RATED if there is none."""
+        return next((abs(r.test.torque) for r in self.requirements
+                     if r.figure == "sustained_rate" and r.test and r.test.torque), RATED)
 
     @property
     def needs_analysis(self) -> bool:

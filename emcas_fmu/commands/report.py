@@ -23,8 +23,8 @@ def report(
     fin: common.FinOption = None,
     mission: Annotated[Path | None, common.value("Mission profile instead of the synthetic one: CSV of time (s) and "
                                                  "inputs in SI.", "FILE.csv")] = None,
-    load: Annotated[float | None, common.value("Rated hinge moment in N.m. Default: 100 (Table 2 of the thesis).",
-                                               "MOMENT")] = None,
+    load: Annotated[float | None, common.value("Rated hinge moment in N.m. Default: that of the required loaded "
+                                               "rate, 100 as shipped.", "MOMENT")] = None,
     document: Annotated[str, common.value("Document number of the report.", "TEXT")] = "",
     revision: Annotated[str, common.value("Revision of the report.", "TEXT")] = "",
     date: common.DateOption = "",
@@ -34,7 +34,6 @@ def report(
     """Carry out an actuator's acceptance test on an FMU or a parameter set, and write the report for signature."""
     from ..bench.excitation import csv_file
     from ..bench.requirements import load_requirements
-    from ..motions import RATED
     from ..studies.report.acceptance import as_dict, carry_out, summary, write_junit, write_report
 
     common.check_outputs(output, as_json, junit, inputs=(article, parameters, requirements, mission))
@@ -42,7 +41,7 @@ def report(
         raise EmcasError(f"--load {load:g}: must be finite and above 0, in N.m")
     with common.work("test") as step, common.open_subject(article, model, fin, parameters) as subject:
         profile = csv_file(mission, model=subject.model) if mission else None
-        result = carry_out(subject, load=load or RATED, profile=profile, progress=step,
+        result = carry_out(subject, load=load, profile=profile, progress=step,
                            specification=load_requirements(requirements, subject.parameters))
     write_report(result, output, date, document, revision)
     common.write_json(as_dict(result, date), as_json)

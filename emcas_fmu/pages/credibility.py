@@ -154,7 +154,7 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
     return Card(
         SCHEMA, get(model).name, tuple(parameters_hash(p.values) for p in sets), USE,
         (f"Results describe the model; {APPLIES}.",
-         *([f"It has none of the effects of the extensions {', '.join(missing)}."] if missing else ()), *warnings),
+         *([f"It is without the extensions {', '.join(missing)}."] if missing else ()), *warnings),
         tuple(Factor(name, tuple(facts)) for name, facts in factors.items()))
 
 

@@ -91,10 +91,9 @@ def test_smallest_encloses_a_known_threshold() -> None:
 
 def test_hunting_is_no_answer() -> None:
     idle = np.tile([0.0, 0.1], 50)
-    assert not accuracy.answered(idle, 50, 1.0, 0.05)
+    assert accuracy.advance(idle, 50, 1.0) == 0.0
     moved = idle + np.where(np.arange(100) > 50, 0.06, 0.0)
-    assert accuracy.answered(moved, 50, 1.0, 0.05)
-    assert not accuracy.answered(moved, 50, -1.0, 0.05)
+    assert [accuracy.advance(moved, 50, sign) for sign in (1.0, -1.0)] == pytest.approx([0.06, 0.0])
 
 
 @pytest.mark.parametrize("half", [0.01, 0.2])
@@ -241,9 +240,9 @@ def test_sizes_stay_within_the_range_of_commands(values: Mapping[str, Any]) -> N
 
 
 def test_encoder_count_at_the_fin(values: Mapping[str, Any]) -> None:
-    assert degrees(accuracy.count(Play())) == pytest.approx(count(values))
+    assert degrees(accuracy.count(Play())[0]) == pytest.approx(count(values))
     turn = 360.0 / (values["encoder.pulses"] * values["encoder.multiplier"])
-    assert accuracy.count(Play(values={**values, "encoder.on_fin": True})) == pytest.approx(radians(turn))
+    assert accuracy.count(Play(values={**values, "encoder.on_fin": True}))[0] == pytest.approx(radians(turn))
 
 
 @pytest.mark.parametrize("initial", [0.0, 40.0])
@@ -257,7 +256,7 @@ def test_encoder_count_is_the_largest_motion_of_a_count(model: str, initial: flo
     motor = np.linspace(low, high, 2001)
     angles = [kinematics.fin_at(FLOATS, p, angle) for angle in motor.tolist()]
     expected = np.diff(angles).max() * turn / (motor[1] - motor[0])
-    assert accuracy.count(ParameterSubject(parameters)) == pytest.approx(expected, rel=1e-3)
+    assert accuracy.count(ParameterSubject(parameters))[0] == pytest.approx(expected, rel=1e-3)
 
 
 def test_broken_subject_is_told() -> None:

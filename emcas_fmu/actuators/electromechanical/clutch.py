@@ -221,13 +221,15 @@ ACTUATOR = Actuator(
     name="clutch",
     title="clutch actuator: motor that turns one way, two contra-rotating clutches, ball screw, lever and fin",
     origin="Section 1.1.1.2 of the thesis of Yerlikaya (2016) mentions an actuator with a clutch, without equations. "
-           "This form, two clutches on a motor that turns one way, and every number are engineering estimates.",
+           "This form, two clutches on a motor that turns one way, is an engineering estimate, with its numbers; "
+           "screw, lever and other entries are those of the thesis's actuator where their source says so.",
     states=STATES,
     controller_states=interface.CONTROLLER,
     encoder=("screw_angle", "screw_speed"),
     controllers_read=("screw_speed", "coil_current_1", "coil_current_2"),
     supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER),
-    descriptions={**interface.INPUT_DESCRIPTIONS,
+    descriptions={**interface.INPUT_DESCRIPTIONS, "angular_acceleration.x": interface.rolling(
+                      "clutch.driven_inertia + inertia.screw", "the torque on the screw"),
                   "enable": "false switches both clutches off; the motor keeps turning"},
     faults=FAULTS,
     equal_parameters=interface.EQUAL,

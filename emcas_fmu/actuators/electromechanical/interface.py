@@ -30,12 +30,18 @@ SUPPLY_VOLTAGE = real_input("supply_voltage", "V", "bus voltage of the drive", m
                             sheet="drive: supply (DC-link) voltage")
 SUPPLY_POWER = real_output("supply_power", "W", "electrical power from the supply to the motor; negative while "
                            "regenerating", 1000.0)
+
+
+def rolling(inertia: str, torque: str = "the motor's torque") -> str:
+    """Return the description of ``angular_acceleration.x``, which reduces a torque by its product with an inertia."""
+    return (f"vehicle angular acceleration about body x, d/dt of angular_rate.x; times {inertia} it reduces {torque}, "
+            "whose positive angle is right-handed about body x")
+
+
 INPUT_DESCRIPTIONS = {
     "acceleration.x": "vehicle acceleration along body x (forward, along the screw), at the point from which "
                       "mounting.station is measured",
-    "angular_acceleration.x":
-        "vehicle angular acceleration about body x, d/dt of angular_rate.x; times inertia.motor + inertia.screw it "
-        "reduces the motor's torque, whose positive angle is right-handed about body x",
+    "angular_acceleration.x": rolling("inertia.motor + inertia.screw"),
     "enable": "false opens the drive's bridge: only loads and friction move the fin",
 }
 

@@ -223,13 +223,14 @@ ACTUATOR = replace(
     name="series-clutch",
     title="clutch actuator: the nonlinear one with a clutch between motor and screw, and a no-back on the screw",
     origin="Section 1.1.1.2 of the thesis of Yerlikaya (2016) mentions an electromechanical actuator with a clutch: "
-           "loads that act with the motor return no energy. It gives no numbers: those of clutch and no-back are "
-           "engineering estimates, the others are the nonlinear set's.",
+           "loads that act with the motor return no energy. It gives no numbers: those of clutch, no-back and friction "
+           "are engineering estimates, the gains are tuned, the others are the nonlinear set's.",
     states=STATES,
     encoder=("screw_angle", "screw_speed"),
     controllers_read=("screw_speed", "motor_current"),
     supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER, interface.SUPPLY.inverse_inductance),
-    descriptions={**interface.INPUT_DESCRIPTIONS,
+    descriptions={**interface.INPUT_DESCRIPTIONS, "angular_acceleration.x": interface.rolling(
+                      "inertia.motor + clutch.driving_inertia + clutch.driven_inertia + inertia.screw"),
                   "enable": "false opens the drive's bridge and the clutch: the no-back holds the fin under any load"},
     faults=FAULTS,
     initial=initial,

@@ -113,7 +113,7 @@ RULES = (*plausibility.of_screw(geared), _drives, _jams)
 ACTUATOR = COMPOSITION.over(
     nonlinear.ACTUATOR, geared, RULES,
     name="worm-gear",
-    title="electromechanical actuator with a worm gear: constant ratio, losses of the loaded worm, self-locking",
+    title="electromechanical actuator with a worm gear: constant ratio, losses of the loaded worm",
     origin="Section 1.1.1.3 of Ü. Yerlikaya, Dynamic modeling and control of an electromechanical control actuation "
            "system, M.S. thesis, METU, 2016, describes the structure of this actuator, without numbers; motor, "
            "drive and loops are those of the thesis's actuator. Numbers are engineering estimates, marked as such.",

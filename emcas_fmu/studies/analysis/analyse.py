@@ -13,6 +13,7 @@ from ...bench.frequency_response import FrequencyResponse
 from ...bench.linear import frequency
 from ...bench.linear.actuator import LinearActuator, sound
 from ...bench.linear.systems import ROUNDING, Array, System, cleared, decays, largest_pole, reaches
+from ...bench.requirements import load_requirements
 from ...bench.runs import Columns
 from ...errors import EmcasError
 from ...parameters import ParameterSet
@@ -28,7 +29,7 @@ SECTIONS = {
     "thesis_linear": ("the thesis's linear model", (
         capabilities.CASCADE, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE, capabilities.SCREW_AND_LEVER,
         capabilities.DRIVE_STEP, capabilities.SCREW_EQUATIONS)),
-    "modes": ("natural frequencies of the rod", (capabilities.SCREW_AND_LEVER,)),
+    "modes": ("natural frequencies of the rod", (capabilities.SCREW_AND_LEVER, capabilities.COULOMB_FRICTION)),
     "limits": ("limits in the amplitude sweep", sweep.NEEDS),
     "capability": ("torque-speed capability", capability.NEEDS),
 }
@@ -59,7 +60,8 @@ class Analysis:
     left_out: Mapping[str, str]
     thesis: ClosedLoop | None
     final_values: Mapping[str, Mapping[str, Any]]
-    """The keys of `final_values`, `modes` and `envelope` are those of the JSON file."""
+    load: float
+    """The rated load [N.m]. The keys of `final_values`, `modes` and `envelope` are those of the JSON file."""
     sweeps: list[sweep.Sweep]
     modes: Mapping[str, Any] | None
     """Natural frequencies with the inertia of the parameter set and, at the key ``thesis``, with that of the thesis."""
@@ -91,9 +93,10 @@ def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float
     linear = _closed_loop(actuator.closed, {name: actuator.loop(name) for name in actuator.loops})
     progress("root locus", 1, _STEPS)
     poles = locus.locus(parameters, locus_name, fin_angle, aero_torque)
-    progress("final values", 2, _STEPS)
-    finals = final_values.final_values(values, fin_angle, aero_torque, model)
+    load = load_requirements(None, parameters).rated_load
     try:
+        progress("final values", 2, _STEPS)
+        finals = final_values.final_values(values, fin_angle, aero_torque, model, load)
         progress("capability", 3, _STEPS)
         has_capability = "capability" not in left_out
         envelope = capability.envelope(values, model) if has_capability else None
@@ -111,7 +114,7 @@ def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float
     thesis_model = None if "thesis_linear" in left_out else _thesis(values)
     modes = None if "modes" in left_out else {
         **modes_at(beam, values, fin_angle, model), "thesis": thesis_modes(beam)}
-    return Analysis(parameters, actuator, linear, left_out, thesis_model, finals, swept, modes, envelope, cases,
+    return Analysis(parameters, actuator, linear, left_out, thesis_model, finals, load, swept, modes, envelope, cases,
                     fin_capability, poles, compared)
 
 

@@ -117,9 +117,9 @@ def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) ->
     `preload` is a share [1] of the continuous current. Raises EmcasError for an actuator without extension heat or
     NEEDS, and for values outside their limits.
     """
+    require(parameters.model, "an envelope", *NEEDS)
     if "heat" not in parts(parameters.model)[1]:
         raise EmcasError(f"model {parameters.model}: an envelope needs the extension heat: {parameters.model}+heat")
-    require(parameters.model, "an envelope", *NEEDS)
     p = parameters.actuator.equation_parameters(FLOATS, parameters.nested())
     if not _SHORTEST <= duration <= _LONGEST:
         raise EmcasError(f"--duration {duration:g} s: must be from {_SHORTEST:g} to {_LONGEST:g} s")

@@ -38,7 +38,7 @@ def figures_of(analysis: Analysis) -> dict[str, Any]:
             "A": system.A, "B": system.B, "C": system.C, "D": system.D}},
         "thesis_linear": _loop(thesis) if thesis else None,
         "final_values": {
-            "command_step_deg": final_values.COMMAND, "load_step_nm": RATED,
+            "command_step_deg": final_values.COMMAND, "load_step_nm": analysis.load,
             **analysis.final_values},
         "sweep": [{"amplitude_deg": degrees(s.amplitude), "bandwidth_3db_hz": s.response.bandwidth,
                    "bandwidth_90deg_hz": s.response.phase_bandwidth, "bandwidths": s.response.stated,
@@ -118,9 +118,10 @@ def tables(f: dict[str, Any], reference: str) -> dict[str, Rows]:
     finals = f["final_values"]
     sections["finals"] = Rows("Errors that remain after steps of command and load", [
         "position controller", f">after a command of {finals['command_step_deg']:g} deg [deg]",
-        f">after a load of {finals['load_step_nm']:g} N.m [deg]", ">slowest mode [s]"], [
+        f">after a load of {finals['load_step_nm']:g} N.m [deg]", ">simulated with this load [deg]",
+        ">slowest time constant [s]"], [
             [label.format(number(x["ki"])) + ("" if x["stable"] else " (unstable)"), x["command_error_deg"],
-             x["load_error_deg"], x["slowest_time_constant_s"]] for key, label in (
+             x["load_error_deg"], x["simulated_load_error_deg"], x["slowest_time_constant_s"]] for key, label in (
                 ("p", "P"), ("pi", "PI, ki = {} 1/s2"), ("as_set", "as set")) if (x := finals.get(key))])
     if rod := f["modes"]:
         sections["modes"] = Rows("Natural frequencies of motor shaft and screw", [
@@ -131,7 +132,7 @@ def tables(f: dict[str, Any], reference: str) -> dict[str, Rows]:
                     (f"inertia of this parameter set, {rod['inertia_kgm2']:.3g} kg.m2", rod),
                     ("Table 1 of the thesis", rod["thesis"]))])
     limits = () if "limits" in f["left_out"] else ("rate limited", "current", "voltage", "analogue reference")
-    sections["sweep"] = Rows("Bandwidth and first limit against amplitude", [
+    sections["sweep"] = Rows(f"Bandwidth{' and first limit' * bool(limits)} against amplitude", [
         ">amplitude [deg]", ">-3 dB [Hz]", ">-90 deg [Hz]", *(f">{limit} from [Hz]" for limit in limits)], [
             [s["amplitude_deg"], *s["bandwidths"], *s["limit_onset_hz"].values()] for s in f["sweep"]])
     return sections

@@ -146,9 +146,10 @@ def summary(result: Result) -> Iterator[RenderableType]:
     for name, values in result.differing.items() if len(result.models) == 1 else ():
         yield escape(f"{name}: {', '.join(numbers.number(value) for value in values)}")
     for column in result.columns:
-        missed = ", ".join(j.name for j in verdict.missed(column.judged))
-        yield (f"{escape(column.name)}: [green]meets all[/]" if column.passed else
-               f"{escape(column.name)}: [bold red]misses {missed or 'everything: nothing was judged'}[/]")
+        missed, judged = (", ".join(j.name for j in verdict.missed(column.judged)), len(verdict.counted(column.judged)))
+        skipped = f"; {len(column.judged) - judged} not judged" if judged < len(column.judged) else ""
+        yield (f"{escape(column.name)}: [green]meets all {judged}[/]{skipped}" if column.passed else
+               f"{escape(column.name)}: [bold red]misses {missed or 'everything: nothing was judged'}[/]{skipped}")
 
 
 def _cell(j: Judged) -> Text:

@@ -21,7 +21,7 @@ from ...bench.runs import StoppedError
 from ...bench.subject import ANGLE_KNOWN, Identification, Subject
 from ...bench.verdict import Judged
 from ...errors import EmcasError, hint
-from ...motions import RATED, STEP
+from ...motions import STEP
 from ...pages.credibility import CONVERGENCE, INPUTS, ROBUSTNESS, TEST_INPUTS, VERIFICATION, Card, Fact
 from ...pages.page import stated, write_page
 from ...pages.terminal import table
@@ -51,12 +51,13 @@ TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome], tuple[Quantity, ...]]] 
 class Result:
     """The result of an acceptance test.
 
-    `load` is the rated hinge moment [N.m] of the tests; `loads` are the moments [N.m] of requirements, by the names of
-    the requirements.
+    `load` is the hinge moment [N.m] of the tests, `rated_load` that of the requirements. `loads` are the moments [N.m]
+    of requirements, by the names of the requirements.
     """
 
     about: Identification
     load: float
+    rated_load: float
     card: Card
     outcomes: Mapping[str, Outcome]
     judged: tuple[Judged, ...]
@@ -67,7 +68,7 @@ class Result:
     @property
     def load_note(self) -> str:
         """The loads of requirements in words, if the caller chose another load for the tests; otherwise empty."""
-        others = sorted((load, name) for name, load in self.loads.items() if self.load not in (RATED, load))
+        others = sorted((load, name) for name, load in self.loads.items() if self.load not in (self.rated_load, load))
         words = [f"{load:g} N.m: {', '.join(name for _, name in group)}"
                  for load, group in groupby(others, lambda other: other[0])]
         return (f"tests and mission have a load of {self.load:g} N.m, but requirements are judged under their own: "
@@ -90,13 +91,13 @@ class Result:
         return not self.stopped and verdict.all_passed(self.judged)
 
 
-def carry_out(subject: Subject, *, load: float = RATED, profile: Excitation | None = None,
+def carry_out(subject: Subject, *, load: float | None = None, profile: Excitation | None = None,
               specification: Specification | None = None, progress: Progress = silent) -> Result:
     """Carry out every test, and judge the subject by a specification, the shipped one by default.
 
-    `load` is the rated hinge moment [N.m]. `profile` replaces the synthetic mission profile. `progress` is called with
-    the test's name, the number of finished tests and their total. A subject that fails has a result. Raises EmcasError
-    for a requirement on a figure that no test has.
+    `load` replaces the rated hinge moment [N.m] of the requirements, `profile` the synthetic mission profile.
+    `progress` is called with the test's name, the number of finished tests and their total. A subject that fails has a
+    result. Raises EmcasError for a requirement on a figure that no test has.
     """
     rig, outcomes, total = Rig(subject, load, profile, specification), dict[str, Outcome](), len(TESTS) + 1
     card = subject.card  # raises for an FMU with a damaged card, before the tests
@@ -117,7 +118,7 @@ def carry_out(subject: Subject, *, load: float = RATED, profile: Excitation | No
             lacking = {q.key: why for q in quantities if (why := subject.lacking(q.needs))}
             outcomes[name] = replace(outcome, name=name, title=title, quantities=quantities, not_applicable=lacking)
     progress("done", total, total)
-    return Result(subject.identification, load, _card(card, outcomes), outcomes, tuple(
+    return Result(subject.identification, rig.load, chosen.rated_load, _card(card, outcomes), outcomes, tuple(
         _of_report(j, outcomes, chosen.file, of_report[j.name].optional) if j.name in of_report else j for j in judged),
         subject.values, subject.model, {r.name: abs(r.test.torque) for r in chosen.requirements
                                         if r.test and r.test.torque})

@@ -101,19 +101,21 @@ def static(rig: Rig) -> Outcome:
         * (len(variants) > 1), groups)
 
 
-def count(subject: Subject) -> float:
-    """Return the smallest detected motion [rad]: one encoder count at the fin, where a count is largest.
+def count(subject: Subject) -> tuple[float, str]:
+    """Return the smallest detected motion [rad] and its description.
 
-    It is 1 % of the accuracy of Table 2 of Yerlikaya (2016) unless the encoder is on the fin or on a screw's motor.
+    It is one encoder count at the fin, where a count is largest, if the shared encoder is on the fin or on the motor of
+    a screw; otherwise 1 % of the accuracy of Table 2 of Yerlikaya (2016).
     """
+    one_count = "one encoder count at the fin"
     provides, p = subject.actuator.provides, subject.actuator.namespace(subject.values)
     if capabilities.ENCODER not in provides or not (p.encoder.on_fin or capabilities.SCREW_AND_LEVER in provides):
-        return ACCURACY / 100.0
+        return ACCURACY / 100.0, "1 % of the accuracy of Table 2 of Yerlikaya (2016)"
     if p.encoder.on_fin:
-        return float(sensors.resolution(p))
+        return float(sensors.resolution(p)), one_count
     # The smallest reduction ratio is where the lever is perpendicular to the screw, or at an end of the range.
     lever = max(abs(p.kinematics.initial_angle) - subject.command_limit, 0.0)
-    return float(sensors.resolution(p) / kinematics.reduction_ratio(FLOATS, p, tan(lever)))
+    return float(sensors.resolution(p) / kinematics.reduction_ratio(FLOATS, p, tan(lever))), one_count
 
 
 def smallest(moves: Callable[[float], bool], low: float, high: float, ratio: float = RATIO) -> float:
@@ -131,36 +133,40 @@ def smallest(moves: Callable[[float], bool], low: float, high: float, ratio: flo
     return high
 
 
-def answered(angle: Array, before: int, direction: float, detected: float) -> bool:
-    """Return whether the angle leaves its previous range by `detected` [rad] in a direction (1, -1) after row `before`.
+def advance(angle: Array, before: int, direction: float) -> float:
+    """Return the motion [rad] beyond the previous range of the angle in a direction (1, -1) after row `before`.
 
     The previous range is that of as many rows before: hunting between two counts, for example, is not a response.
     """
     after = direction * angle[before:]
     idle = direction * angle[max(2 * before - len(angle), 0):before + 1]
-    # Half a thousandth less, since rounding may shorten a motion of one count.
-    return bool(np.max(after, initial=-inf) - np.max(idle) >= detected * (1.0 - 5e-4))
+    return float(np.max(after, initial=-inf) - np.max(idle))
 
 
 def threshold(rig: Rig) -> Outcome:
     """Measure the smallest steps that the fin answers: from rest, after a reversal, and on in the same direction."""
-    detected, moved = count(rig.subject), min(MOVED_TO, 0.5 * rig.limit)
+    (detected, detected_as), moved = count(rig.subject), min(MOVED_TO, 0.5 * rig.limit)
 
     def smallest_step(direction: float, before: float, settle: float) -> float:
         begin = direction * before * radians(moved)
 
-        def moves(size: float) -> bool:
+        def motion(size: float) -> float:
             stairs = staircase((begin, begin + direction * size), (settle, WITHIN), step=STEP)
-            return answered(rig.run(stairs).columns["fin_angle"], round(settle / STEP), direction, detected)
+            return advance(rig.run(stairs).columns["fin_angle"], round(settle / STEP), direction)
+
+        creep = max(motion(0.0), 0.0)
+
+        def moves(size: float) -> bool:
+            # Half a thousandth less, since rounding may shorten a motion of one count.
+            return motion(size) - creep >= detected * (1.0 - 5e-4)
 
         return degrees(smallest(moves, 0.5 * detected, 0.5 * rig.subject.command_limit))
 
     return Outcome(
         f"The fin answers a step of the command if it moves by {degrees(detected):.4f} deg in the step's direction "
-        f"within {WITHIN:g} s: one encoder count at the fin if the encoder is on the fin or on the motor of a screw, "
-        "otherwise 1 % of the accuracy of Table 2 of Yerlikaya (2016). From rest: at 0 deg, before any motion. After "
-        f"reversal: the fin moves {moved:g} deg and rests for {HOLD:g} s, then the command steps back. Increment: the "
-        "same, but the command steps on. Each size has its own run; bisection ends within "
+        f"within {WITHIN:g} s farther than without a step: {detected_as}. From rest: at 0 deg, before any motion. "
+        f"After reversal: the fin moves {moved:g} deg and rests for {HOLD:g} s, then the command steps back. "
+        "Increment: the same, but the command steps on. Each size has its own run; bisection ends within "
         f"{100.0 * (RATIO - 1.0):.0f} %. Integral action answers even smaller commands later.",
         {name: Group(label, {q.key: smallest_step(direction, before, settle)
                              for q, direction in zip(THRESHOLD, (1.0, -1.0), strict=True)}, THRESHOLD)

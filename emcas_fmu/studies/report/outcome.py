@@ -16,7 +16,6 @@ from ...bench.metrics import FIGURES, in_words, result_name, unit_of
 from ...bench.requirements import Specification, load_requirements
 from ...bench.runs import Run
 from ...bench.subject import Subject
-from ...motions import RATED
 from ...pages.numbers import with_unit
 
 Array = NDArray[Any]
@@ -26,13 +25,14 @@ RECORDED = ("fin_angle", "fin_rate", "motor_current", "supply_power", "saturated
 
 @dataclass(frozen=True)
 class Rig:
-    """The subject with the rated hinge torque `load` [N.m].
+    """The subject of the tests.
 
-    `mission` replaces the synthetic mission profile, `specification` the shipped requirements.
+    `other_load` [N.m] replaces the rated hinge moment of the requirements, `mission` the synthetic mission profile,
+    `specification` the shipped requirements.
     """
 
     subject: Subject
-    load: float = RATED
+    other_load: float | None = None
     mission: Excitation | None = None
     specification: Specification | None = None
 
@@ -40,6 +40,11 @@ class Rig:
     def requirements(self) -> Specification:
         """The requirements by which the subject is judged."""
         return self.specification or load_requirements(None, self.subject.parameters)
+
+    @property
+    def load(self) -> float:
+        """The rated hinge moment [N.m] of the tests."""
+        return self.other_load or self.requirements.rated_load
 
     @property
     def limit(self) -> float:

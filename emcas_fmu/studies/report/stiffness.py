@@ -91,8 +91,7 @@ def measure(rig: Rig) -> Outcome:
                      "phase_deg": np.degrees(np.angle(stiffness[moved]))}
         groups[name] = Group(label, figures, headline, curve)
         if locked:
-            notes.append(f"{label}, {amplitude:.3g} N.m: friction-locked. The fin does not move at any frequency; "
-                         "with a rigid drive line its stiffness is infinite.")
+            notes.append(f"{label}, {amplitude:.3g} N.m: friction-locked. The fin does not move at any frequency.")
         if stops:
             notes.append(f"{label}, {amplitude:.3g} N.m: the fin meets a mechanical stop at "
                          f"{', '.join(f'{f:g}' for f in stops)} Hz; these frequencies are left out.")

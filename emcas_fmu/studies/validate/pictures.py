@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from math import degrees, inf
+from math import degrees, inf, isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -157,16 +157,20 @@ def _linear(result: Result) -> Drawing:
 
 def _slew_caption(result: Result) -> str:
     rate = metrics.motion(result.cases["step_plus20"].run)
-    return (f"A step to 20 deg: {degrees(rate['peak_rate']):.0f} deg/s at the peak, "
-            f"{degrees(rate['sustained_rate']):.0f} deg/s in the mean over the middle 60 % of the travel. A limit that "
-            "is active while no plotted variable is at its limit is that of the speed reference.")
+    return (f"A step to 20 deg: {_rate(rate['peak_rate'])} at the peak, {_rate(rate['sustained_rate'])} in the mean "
+            "over the middle 60 % of the travel. A limit that is active while no plotted variable is at its limit is "
+            "that of another variable, such as the speed reference.")
+
+
+def _rate(rate: float) -> str:
+    return f"{degrees(rate):.0f} deg/s" if isfinite(rate) else "no rate (the fin does not travel so far)"
 
 
 def _loaded_caption(result: Result) -> str:
-    against, along = (degrees(metrics.motion(result.cases[name].run, 1)["sustained_rate"])
+    against, along = (_rate(metrics.motion(result.cases[name].run, 1)["sustained_rate"])
                       for name in ("load_opposing", "load_aiding"))
     return ("Slews from -20 to +20 deg at 350 ms; a load of 100 N.m rises within 20 ms. Mean rate over the middle 60 % "
-            f"of the travel: {against:.0f} deg/s against the load, {along:.0f} deg/s with it. The error that the load "
+            f"of the travel: {against} against the load, {along} with it. The error that the load "
             "causes decays by the integral action of the position loop, if it has one.")
 
 

@@ -1,0 +1,73 @@
+"""Pages of actuators other than the default one: loads, errors and limits are theirs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from emcas_fmu.actuators import NAMES, capabilities, get
+from emcas_fmu.bench.requirements import load_requirements
+from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.motions import RATED
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.simulation import simulate
+from emcas_fmu.studies.analysis.analyse import SECTIONS
+from emcas_fmu.studies.analysis.envelope import envelope
+from emcas_fmu.studies.analysis.final_values import final_values
+from emcas_fmu.studies.report import accuracy
+from emcas_fmu.studies.report.outcome import Rig
+
+
+@pytest.mark.parametrize("model", NAMES)
+def test_rated_load_does_not_stall_the_actuator(model: str) -> None:
+    """The rated load of the requirements is one against which the fin reaches the end of its range."""
+    parameters = load_parameters(model=model)
+    load = load_requirements(None, parameters).rated_load
+    assert load == {"servo": 5.0}.get(model, RATED)
+    limit = ParameterSubject(parameters).command_limit
+    run = simulate(parameters.values, 1.0, model=model, fin_command=limit, aero_torque=-load)
+    assert run["fin_angle"][-1] > 0.9 * limit
+    assert Rig(ParameterSubject(parameters)).load == load
+    assert Rig(ParameterSubject(parameters), 7.0).load == 7.0
+
+
+@pytest.mark.parametrize(("model", "share"), [("worm-gear", 0.0), ("series-clutch", 0.0), ("nonlinear", 0.8)])
+def test_a_load_that_friction_holds_leaves_no_error(model: str, share: float) -> None:
+    """A worm or no-back that locks holds the load. The default screw's friction carries about a fifth of 100 N.m."""
+    row = final_values(load_parameters(model=model).values, model=model)["p"]
+    assert row["load_error_deg"] < -0.5
+    assert row["simulated_load_error_deg"] == pytest.approx(share * row["load_error_deg"], abs=0.05)
+
+
+@pytest.mark.parametrize("model", NAMES)
+def test_only_a_motor_fixed_to_the_screw_makes_a_rod(model: str) -> None:
+    provides = get(model).provides
+    rod = provides.issuperset(SECTIONS["modes"][1])
+    assert not (rod and "clutch" in model)
+    assert not rod or capabilities.SCREW_AND_LEVER in provides
+
+
+@pytest.mark.parametrize("model", ["servo", "clutch"])
+def test_an_envelope_does_not_advise_an_extension_that_is_refused(model: str) -> None:
+    with pytest.raises(EmcasError) as error:
+        envelope(load_parameters(model=model), 10.0)
+    assert "+heat" not in str(error.value)
+
+
+def test_a_fin_that_creeps_has_no_threshold_at_the_start_of_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A worm gear's fin still creeps after a motion. Its threshold does not count this as an answer."""
+    rig = Rig(ParameterSubject(load_parameters(model="worm-gear")))
+    detected, words = accuracy.count(rig.subject)
+    assert words.startswith("1 % of the accuracy")
+    starts: list[Any] = []
+
+    def search(moves: Any, low: float, high: float) -> float:
+        starts.append(moves(low))
+        return high
+
+    monkeypatch.setattr(accuracy, "smallest", search)
+    accuracy.threshold(rig)
+    assert starts == [False] * 6
+    assert detected > 0.0
