@@ -122,6 +122,7 @@ class Actuator:
     - ``faults``: faults of this actuator, which the extension `faults` offers in addition to the general faults
     - ``provides``: capabilities that extensions and tools need (:mod:`emcas_fmu.actuators.capabilities`)
     - ``reference``: an independent integration: a Python file or a module's name, with `simulate(parameters, inputs)`
+    - ``without_effect``: inputs that do not change the fin's motion; tests that need them are not judged
     - ``hidden``: inputs of the port that a half, or an actuator with the torque interface, lacks; such an
       actuator may also lack outputs of the port
     - ``modules``: modules whose docstrings describe the equations; ``source``: the user's file; ``begun(ops, p, x,
@@ -168,6 +169,7 @@ class Actuator:
     faults: tuple[PlantFault, ...] = ()
     provides: frozenset[str] = frozenset()
     reference: Path | str | None = None
+    without_effect: frozenset[str] = frozenset()
     hidden: frozenset[str] = frozenset()
     modules: tuple[Any, ...] = ()
     source: Path | None = None

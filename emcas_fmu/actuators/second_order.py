@@ -111,5 +111,6 @@ ACTUATOR = Actuator(
     sample=sample,
     step=step,
     transport_delay=fin_port.transport_delay,
+    without_effect=frozenset({"aero_torque"}),
     modules=(sys.modules[__name__],),
 )

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from emcas_fmu.actuators import NAMES, capabilities, get
 from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.bench.verdict import judge
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.motions import RATED
 from emcas_fmu.parameters import load_parameters
@@ -16,7 +18,7 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis.analyse import SECTIONS
 from emcas_fmu.studies.analysis.envelope import envelope
 from emcas_fmu.studies.analysis.final_values import final_values
-from emcas_fmu.studies.report import accuracy
+from emcas_fmu.studies.report import accuracy, stiffness
 from emcas_fmu.studies.report.outcome import Rig
 
 
@@ -71,3 +73,41 @@ def test_a_fin_that_creeps_has_no_threshold_at_the_start_of_the_search(monkeypat
     accuracy.threshold(rig)
     assert starts == [False] * 6
     assert detected > 0.0
+
+
+@pytest.mark.parametrize("model", NAMES)
+def test_inputs_without_effect_are_those_that_are_declared(model: str) -> None:
+    """A load moves every other fin at full command against it, and a low supply slows every other one down."""
+    parameters = load_parameters(model=model)
+    subject = ParameterSubject(parameters)
+    load = load_requirements(None, parameters).rated_load
+    changes: dict[str, float] = {"aero_torque": -2.0 * load}
+    if subject.supply and subject.actuator.supply:
+        changes[subject.supply] = 0.3 * subject.actuator.supply.input.initial(parameters.values)
+
+    def response(**inputs: Any) -> Any:
+        return simulate(parameters.values, 0.15, model=model, fin_command=subject.command_limit, **inputs)["fin_angle"]
+
+    fixed = {name for name, value in changes.items() if np.array_equal(response(), response(**{name: value}))}
+    assert fixed == subject.actuator.without_effect
+
+
+def test_requirements_on_loads_that_have_no_effect_are_not_judged() -> None:
+    subject = ParameterSubject(load_parameters(model="second-order"))
+    specification = load_requirements(None, subject.parameters)
+    verdicts = {j.name: j for j in judge(subject, specification)}
+    for r in specification.requirements:
+        loaded = bool(r.test and r.test.torque and r.test.kind != "repeat")
+        assert not loaded or verdicts[r.name].skipped, r.name
+    assert verdicts["load_step"].note == "aero_torque has no effect on this actuator's motion"
+    assert verdicts["repeatable"].passed
+    outcome = stiffness.measure(Rig(subject))
+    assert (outcome.groups, outcome.stopped) == ({}, "")
+    assert outcome.method == "Not applicable: aero_torque has no effect on this actuator's motion."
+
+
+def test_a_threshold_at_the_start_of_the_search_is_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(accuracy, "smallest", lambda moves, low, high: low)
+    groups = accuracy.threshold(Rig(ParameterSubject(load_parameters()))).groups
+    for group in groups.values():
+        assert [group.shown(q)[:2] for q in accuracy.THRESHOLD] == ["≤ ", "≤ "]

@@ -45,6 +45,7 @@ ACTUATOR = COMPOSITION.over(
     title="linear electromechanical actuator: constant ratio, viscous friction, no limits",
     supply_rules=(),
     descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; has no effect"},
+    without_effect=frozenset({"supply_voltage"}),
     structure=Structure(constant_ratio=True),
     equation_parameters=_linear,
     step=step,

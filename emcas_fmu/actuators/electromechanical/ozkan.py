@@ -41,6 +41,7 @@ ACTUATOR = COMPOSITION.over(
     title="electromechanical actuator after Ozkan: ideal current loop, flexible motor shaft, constant ratio",
     supply=Supply(interface.SUPPLY_VOLTAGE, interface.SUPPLY_POWER),
     descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; has no effect"},
+    without_effect=frozenset({"supply_voltage"}),
     structure=Structure(constant_ratio=True, current="ideal", drive_line=True),
     derivatives=with_parameters(elastic.derivatives, _gapless),
     step=with_parameters(elastic.yielding, _ozkan),

@@ -146,6 +146,7 @@ def advance(angle: Array, before: int, direction: float) -> float:
 def threshold(rig: Rig) -> Outcome:
     """Measure the smallest steps that the fin answers: from rest, after a reversal, and on in the same direction."""
     (detected, detected_as), moved = count(rig.subject), min(MOVED_TO, 0.5 * rig.limit)
+    lowest = 0.5 * detected  # of the search
 
     def smallest_step(direction: float, before: float, settle: float) -> float:
         begin = direction * before * radians(moved)
@@ -160,7 +161,13 @@ def threshold(rig: Rig) -> Outcome:
             # Half a thousandth less, since rounding may shorten a motion of one count.
             return motion(size) - creep >= detected * (1.0 - 5e-4)
 
-        return degrees(smallest(moves, 0.5 * detected, 0.5 * rig.subject.command_limit))
+        return degrees(smallest(moves, lowest, 0.5 * rig.subject.command_limit))
+
+    def group(label: str, before: float, settle: float) -> Group:
+        sizes = {q.key: smallest_step(direction, before, settle)
+                 for q, direction in zip(THRESHOLD, (1.0, -1.0), strict=True)}
+        return Group(label, sizes, THRESHOLD, bounds={key: "≤ " for key, size in sizes.items()
+                                                      if size <= degrees(lowest)})
 
     return Outcome(
         f"The fin answers a step of the command if it moves by {degrees(detected):.4f} deg in the step's direction "
@@ -168,8 +175,7 @@ def threshold(rig: Rig) -> Outcome:
         f"After reversal: the fin moves {moved:g} deg and rests for {HOLD:g} s, then the command steps back. "
         "Increment: the same, but the command steps on. Each size has its own run; bisection ends within "
         f"{100.0 * (RATIO - 1.0):.0f} %. Integral action answers even smaller commands later.",
-        {name: Group(label, {q.key: smallest_step(direction, before, settle)
-                             for q, direction in zip(THRESHOLD, (1.0, -1.0), strict=True)}, THRESHOLD)
+        {name: group(label, before, settle)
          for name, label, before, settle in (
              ("from_rest", "threshold from rest", 0.0, REST),
              ("after_reversal", "threshold after reversal (dead band)", -1.0, HOLD),

@@ -90,7 +90,7 @@ class Group:
     """The figures under the motion, load or condition that `label` names; a figure without a value is nan.
 
     `headline` are the figures for the summary. `curve` is for the JSON file, `data` (a run or arrays) only for the
-    picture.
+    picture. `bounds` has the sign of each figure that is only a bound.
     """
 
     label: str
@@ -98,11 +98,13 @@ class Group:
     headline: tuple[Quantity, ...] = ()
     curve: Mapping[str, Array] = field(default_factory=dict)
     data: Any = field(default=None, repr=False)
+    bounds: Mapping[str, str] = field(default_factory=dict)
 
     def shown(self, q: Quantity) -> str:
         """Return a figure with its unit as text; empty if the group does not have it."""
-        value = self.figures.get(q.key)
-        return "" if value is None else bound(q.key, value) + with_unit(value, unit_of(q.key))
+        if (value := self.figures.get(q.key)) is None:
+            return ""
+        return (self.bounds.get(q.key) or bound(q.key, value)) + with_unit(value, unit_of(q.key))
 
 
 @dataclass(frozen=True)

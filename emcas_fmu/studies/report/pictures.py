@@ -24,7 +24,7 @@ _ACCURACY = round(degrees(ACCURACY) * 1e3, 6)  # mdeg
 
 def pictures(outcomes: Mapping[str, Outcome], judged: Sequence[Judged]) -> dict[str, Picture]:
     """Return the picture of each test that has one, with the limits of the requirements on its figures."""
-    plotted = [name for name, outcome in outcomes.items() if name in _VIEWS and not outcome.stopped]
+    plotted = [name for name, outcome in outcomes.items() if name in _VIEWS and outcome.groups]
     made = plots.pictures(_drawing(outcomes[name], judged) for name in plotted)
     return dict(zip(plotted, made, strict=True))
 

@@ -25,8 +25,9 @@ _MARKS = {frequency: Quantity(f"stiffness_{frequency:g}hz_n_m_per_rad", _SIZE, f
           for frequency in (1.0, 10.0, 20.0)}
 _LEAST = Quantity("least_stiffness_n_m_per_rad", f"lowest {_SIZE}", "lowest |T/θ|")
 _SIDES = tuple(
-    Quantity(f"{side}_n_m", f"hinge moment, ramped from zero in the {side} direction, at which the fin first moves"
-             + "; its magnitude" * (side == "negative"), side) for side in ("positive", "negative"))
+    Quantity(f"{side}_n_m", f"hinge moment, ramped from zero in the {side} direction, at which the fin first moves, "
+             "also by twist or in a gap" + "; its magnitude" * (side == "negative"), side)
+    for side in ("positive", "negative"))
 QUANTITIES = (
     Quantity("load_amplitude_n_m", "amplitude of the sinusoidal hinge moment", "load amplitude"),
     Quantity("friction_locked", "whether the fin moved by at most 1e-8 rad, peak to peak, at every frequency",
@@ -57,6 +58,8 @@ def sweep(rig: Rig, amplitude: float, powered: bool) -> tuple[Array, bool, list[
 def measure(rig: Rig) -> Outcome:
     """Measure the breakaway moment, then the stiffness: powered, and unpowered below and above breakaway."""
     groups, notes = dict[str, Group](), list[str]()
+    if LOAD in rig.subject.actuator.without_effect:
+        return Outcome(f"Not applicable: {LOAD} has no effect on this actuator's motion.")
     loads: dict[str, tuple[str, float, tuple[Quantity, ...]]] = {
         "powered": ("Powered", 0.5 * rig.load, (_LEAST, _MARKS[10.0]))}
     if "enable" in rig.subject.inputs:
