@@ -27,7 +27,7 @@ _STEPS = 7  # number of steps in the progress display
 # Title and required capabilities of each section that not every actuator has.
 SECTIONS = {
     "thesis_linear": ("the thesis's linear model", (
-        capabilities.CASCADE, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE, capabilities.SCREW_AND_LEVER,
+        capabilities.SCREW_AND_LEVER, capabilities.CASCADE, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE,
         capabilities.DRIVE_STEP, capabilities.SCREW_EQUATIONS)),
     "modes": ("natural frequencies of the rod", (capabilities.SCREW_AND_LEVER, capabilities.COULOMB_FRICTION)),
     "limits": ("limits in the amplitude sweep", sweep.NEEDS),

@@ -29,8 +29,9 @@ from ...reference.cases import CASES
 from ...reference.files import supply_start
 from ...simulation import Array
 
-NEEDS = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_LOAD,
-         capabilities.COULOMB_FRICTION, capabilities.PROPORTIONAL_TORQUE, capabilities.DRIVE_STEP)
+NEEDS = (capabilities.SCREW_AND_LEVER, capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT,
+         capabilities.VOLTAGE_LIMIT, capabilities.SCREW_LOAD, capabilities.COULOMB_FRICTION,
+         capabilities.PROPORTIONAL_TORQUE, capabilities.DRIVE_STEP)
 _POINTS = 101  # number of fin angles
 _HALVINGS = 60  # number of bisections of an interval of speeds, after which only rounding is left
 

@@ -34,9 +34,9 @@ from ...support.progress import Progress, silent
 AMPLITUDES = (0.1, 0.3, 1.0, 2.0, 3.5, 6.0, 10.0, 15.0, 20.0)  # deg, of the command
 LIMITS = ("rate", "current", "voltage", "dac")
 """Keys of the limits of speed reference, drive current, supply voltage and analogue reference."""
-NEEDS = (capabilities.CASCADE, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.REFERENCE_LIMIT,
-         capabilities.RIGID_DRIVE_LINE, capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP,
-         capabilities.SCREW_EQUATIONS)
+NEEDS = (capabilities.SCREW_EQUATIONS, capabilities.CASCADE, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT,
+         capabilities.REFERENCE_LIMIT, capabilities.RIGID_DRIVE_LINE, capabilities.MOTOR_CURRENT,
+         capabilities.CURRENT_LOOP)
 _SETTLE, _WINDOW = 1.0, 2.0  # s; whole periods of the sine within the window are evaluated
 _POINTS = 36  # number of frequencies of a sweep before it is refined
 _NUMBERS = 2_000_000  # largest number of values per variable in a batch of sines: 16 MB
