@@ -7,11 +7,11 @@ import os
 import shutil
 import signal
 
-# Before NumPy comes: a worker has a core, and threads of the linear algebra that wait for each other on cores that
-# others use take a hundred times what these small matrices do. Workers and programs that tests start have it, too.
+# Set before NumPy is imported. Each worker has one core: threads of the linear algebra that wait for each other on busy
+# cores take a hundred times as long as these small matrices. Workers and programs that tests start inherit it.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# What is started in the background ignores Ctrl-C, and so would the programs that tests start, and interrupt.
+# A background process ignores Ctrl-C, and the programs that tests start and interrupt would inherit that.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -38,25 +38,25 @@ ShippedUnit = Callable[..., Path]
 _DRAWN = plots.svg, figures.response_pictures
 Once = Callable[[str, Callable[[Path], object]], Path]
 
-# How long an example takes is the machine's, and of whatever else it runs.
+# No deadline: the time of an example depends on the machine and its load.
 settings.register_profile("emcas", deadline=None, max_examples=50)
 settings.load_profile("emcas")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile kernels without optimisation, unless slow tests run: those of extended and users' actuators.
+    """Compile kernels of extended and users' actuators without optimisation, unless slow tests run.
 
-    The bits are the same, and compiling takes a fifth of the time. Slow tests run them for longer than that saves.
+    The bits are the same, and compiling takes a fifth of the time. Slow tests run kernels for longer than that saves.
     """
     def by_model(function: Callable[..., Any]) -> Callable[..., Any]:
-        def called(*arguments: Any) -> Any:
+        def wrapper(*arguments: Any) -> Any:
             model, lanes = arguments[-2:]
             with pytest.MonkeyPatch.context() as patch:
                 if lanes == 1 and model not in NAMES:
                     leave_unoptimised(patch)
                 return function(*arguments)
 
-        return called
+        return wrapper
 
     if "not slow" in config.option.markexpr:
         library._digest, library._compile = by_model(library._digest), by_model(library._compile)
@@ -68,17 +68,17 @@ def leave_unoptimised(patch: pytest.MonkeyPatch) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Let the garbage collector pass over what all tests share, and look at the rest more seldom.
+    """Exclude the objects that all tests share from garbage collection, and collect the others less often.
 
-    Traced programs are a million objects without garbage, over which it otherwise goes a hundred times: a third of the
-    time of tracing.
+    Traced programs are a million objects without garbage; scanning them a hundred times takes a third of the time of
+    tracing.
     """
     gc.freeze()
     gc.set_threshold(50_000, 10, 100)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip a test of a compiled kernel where none can be had; asked when the test is due, since it compiles one."""
+    """Skip a test of a compiled kernel without a compiler; at the test's start, since the check compiles the kernel."""
     for mark in item.iter_markers("kernel"):
         if not library.available(*mark.args):
             pytest.skip("no C compiler")
@@ -86,7 +86,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _names_parsed_once() -> Iterator[None]:
-    """Keeps what the parser that fmpy uses made of names: each takes milliseconds, and hundreds of units share most."""
+    """Cache fmpy's parsing of variable names: each takes milliseconds, and hundreds of FMUs have the same names."""
     parse, trees = Lark.parse, dict[tuple[str, str], Any]()
 
     def once(self: Lark, text: str) -> Any:
@@ -100,8 +100,8 @@ def _names_parsed_once() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def _undrawn(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Draw pictures in tests marked `drawn` alone, and in fixtures of a module or session."""
+def _no_pictures(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Plot pictures only in tests marked `drawn`, and in fixtures of a module or session."""
     with pytest.MonkeyPatch.context() as patch:
         if not request.node.get_closest_marker("drawn"):
             leave_undrawn(patch)
@@ -109,10 +109,7 @@ def _undrawn(request: pytest.FixtureRequest) -> Iterator[None]:
 
 
 def leave_undrawn(patch: pytest.MonkeyPatch) -> None:
-    """Leave pictures out: those of pages are plotted, but not laid out and written, a third of a second each.
-
-    FMUs have none on their pages.
-    """
+    """Plot the figures of pages without writing them, which saves a third of a second each; leave them out of FMUs."""
     def empty(_: Figure, label: str = "", __: str = "") -> str:
         return f'<svg role="img" aria-label="{escape(label)}" viewBox="0 0 1 1"></svg>'
 
@@ -122,47 +119,47 @@ def leave_undrawn(patch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def unoptimised(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compile kernels without optimisation: for slow tests that run each for less time than that saves."""
+    """Compile kernels without optimisation: for slow tests that run each for less time than optimising takes."""
     leave_unoptimised(monkeypatch)
 
 
 @pytest.fixture(scope="session")
 def values() -> Mapping[str, Any]:
-    """The shipped parameters, flat, in the table's units."""
+    """The values of the shipped parameters by name, in SI units."""
     return load_parameters().values
 
 
 @pytest.fixture(scope="session")
 def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
-    """Gives the folder of a name, which a function makes: once for all processes of a run."""
+    """Return a function that fills a named folder once for all processes of a test run, and returns its path."""
     base = tmp_path_factory.getbasetemp()
     common = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "once"
     common.mkdir(exist_ok=True)
 
-    def made(name: str, make: Callable[[Path], object]) -> Path:
+    def folder_of(name: str, make: Callable[[Path], object]) -> Path:
         folder = common / name
         with FileLock(f"{folder}.lock"):
             if not folder.is_dir():
-                begun = Path(f"{folder}.begun")
-                shutil.rmtree(begun, ignore_errors=True)  # of an attempt that has failed
-                begun.mkdir()
-                make(begun)
-                begun.rename(folder)
+                unfinished = Path(f"{folder}.unfinished")
+                shutil.rmtree(unfinished, ignore_errors=True)  # of a failed attempt
+                unfinished.mkdir()
+                make(unfinished)
+                unfinished.rename(folder)
         return folder
 
-    return made
+    return folder_of
 
 
 @pytest.fixture(scope="session")
 def shipped_unit(once: Once) -> ShippedUnit:
-    """Gives the FMU of the shipped parameters, native for this platform or everywhere.
+    """Return a function that builds an FMU of the shipped parameters, native for this platform or for all.
 
-    Units of several fins and those of flat names are compiled without optimisation: the same bits, in less time. All
-    have pictures, whichever test is the first to need them.
+    FMUs of several fins and with flat names are compiled without optimisation: the same bits, in less time. All have
+    pictures, whichever test builds them first.
     """
     local = local_platform()
 
-    def made(backend: str = "native", fins: int = 1, fmi: str = "2", names: str = "structured",
+    def built(backend: str = "native", fins: int = 1, fmi: str = "2", names: str = "structured",
              everywhere: bool = False) -> Path:
         assert local is not None
         platforms = [local.name] if backend == "native" and not everywhere else None
@@ -178,12 +175,12 @@ def shipped_unit(once: Once) -> ShippedUnit:
 
         return once(f"{backend}_{fins}_{fmi}_{names}_{everywhere}", make) / file
 
-    return made
+    return built
 
 
 @pytest.fixture(scope="session")
 def fmu(shipped_unit: ShippedUnit) -> Path:
-    """EMCAS.fmu of the shipped parameters."""
+    """EMCAS.fmu of the shipped parameters, with the Python back end."""
     return shipped_unit("python")
 
 
@@ -201,5 +198,5 @@ def native3(shipped_unit: ShippedUnit) -> Path:
 
 @pytest.fixture(scope="session")
 def units(fmu: Path, native: Path) -> Mapping[str, Path]:
-    """Both FMUs by back end."""
+    """The Python and the native FMU by back end."""
     return {"python": fmu, "native": native}

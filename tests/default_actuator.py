@@ -11,10 +11,10 @@ VARIABLES = INPUTS + OUTPUTS + PARAMETERS
 FILE_ENTRIES = ACTUATOR.file_entries
 START_ENTRIES = FILE_ENTRIES[len(PARAMETERS):]
 namespace = ACTUATOR.namespace
-# Every shipped actuator, for tests that compile a kernel of each: but for two, these take minutes together.
+# Every shipped actuator, for tests that compile its kernel. All but two are marked slow: together they take minutes.
 EVERY = others_slow(NAMES, lambda name: name in (NONLINEAR, "second-order"))
-# The thesis's controllers, which independent integrations and closed forms in the tests have, with gains that do not
-# move with the shipped ones.
+# The thesis's controllers: independent integrations and closed forms in the tests have these gains, which do not change
+# with the shipped ones.
 THESIS_LOOPS = {"controller.position.setpoint_weight": 1.0, "controller.drive_antiwindup": 0.0,
                 "controller.position.kp": 57.3, "controller.position.ki": 268.0, "controller.velocity.kp": 0.0464,
                 "controller.antiwindup": 6.21}

@@ -1,7 +1,7 @@
 """Write the generated equations of every model, to compare before and after a change with `diff -r`.
 
     python -m tests.kernels FOLDER
-    python -m tests.kernels --digest    # instead, a line for each model: a digest of all that it computes and declares
+    python -m tests.kernels --digest    # instead print a digest of each model's equations and declaration
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from emcas_fmu.trace.tracer import Tracer
 
 
 def models() -> list[str]:
-    """Return every actuator, and every one with each extension it can have."""
+    """Return every actuator, alone and with each extension that it can have."""
     return [*NAMES, *(f"{name}+{extension}" for name in NAMES for extension in EXTENSIONS
                       if get(name).provides.issuperset(get_extension(extension).needs))]
 
@@ -39,10 +39,10 @@ def write(folder: Path) -> None:
 
 
 def program(model: str) -> str:
-    """Return all that an actuator computes and declares as text, without printing it as C.
+    """Return everything that an actuator computes and declares as text, without printing it as C.
 
-    The functions of one and of several, rules, the parameters of the plant as built, the derivatives that linear
-    analysis takes, sizes, variables and states.
+    These are the functions of one fin and several, rules, parameters of the plant as built, the derivatives that linear
+    analysis uses, sizes, variables and states.
     """
     actuator, tracer = get(model), Tracer()
     p = actuator.namespace({v.name: tracer.parameter(v.name) for v in actuator.file_entries})
@@ -54,8 +54,8 @@ def program(model: str) -> str:
 
         def rates(*values: Value) -> tuple[Value, ...]:
             named = dict(zip(names, values, strict=True))
-            given = PlantInputs(**named, enabled=named["enable"], rated_current_limit=None)
-            return tuple(actuator.rates(tracer, p, given, given).values())
+            u = PlantInputs(**named, enabled=named["enable"], rated_current_limit=None)
+            return tuple(actuator.rates(tracer, p, u, u).values())
 
         tracer.function("rates", names, rates)
     declared = (actuator.states, actuator.controller_states, actuator.sampled_states, actuator.inputs,
@@ -67,7 +67,7 @@ def program(model: str) -> str:
 
 
 def _numbers(value: Any) -> Iterator[Value]:
-    """Give the numbers among parameters by name, in the order of the names."""
+    """Yield the numbers of nested parameters, in the order of their names."""
     if isinstance(value, Names):
         for name, part in sorted(vars(value).items()):
             yield from _numbers(part) if name != "structure" else ()

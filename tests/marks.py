@@ -1,4 +1,4 @@
-"""Which cases of a test the README's line runs; the others, each as the test has it, run with `-m slow`."""
+"""Choose the cases of a test that run by default; the others run with `-m slow`."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from emcas_fmu.actuators import NONLINEAR
 
 
 def slow(*cases: Any) -> list[Any]:
-    """Return cases for `parametrize` that are marked slow; a tuple has several arguments."""
+    """Return cases for `parametrize`, all marked slow; a tuple contains several arguments."""
     return [pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow) for case in cases]
 
 
 def others_slow(cases: Iterable[Any], quick: Callable[[Any], bool]) -> list[Any]:
-    """Return cases for `parametrize`, those for which `quick` does not hold marked slow."""
+    """Return cases for `parametrize`; those for which `quick` is false are marked slow."""
     return [case if quick(case) else slow(case)[0] for case in cases]
 
 
 def is_plain(model: str) -> bool:
     """Return whether a model is an actuator without extensions, or the default actuator with some.
 
-    These together have each actuator and each extension once.
+    Together, these contain every actuator and every extension.
     """
     actuator, *extensions = model.split("+")
     return actuator == NONLINEAR or not extensions

@@ -1,4 +1,4 @@
-"""Running the kernel directly, for tests."""
+"""Run the kernel directly, call by call."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NAMES = [v.name for v in OUTPUTS]
 
 
 def new_core(values: Mapping[str, Any]) -> Core:
-    """A core at its start."""
+    """Return a core of the default actuator at its start."""
     return codegen.core(values)
 
 
@@ -33,9 +33,9 @@ Ramp = tuple[float, tuple[float, ...]]
 
 
 class RampedCore(Core):
-    """A core whose inputs may change, as those of core.h: a tick uses the inputs at its middle, a sample those then.
+    """A core whose inputs may ramp, as in core.h: a tick uses the inputs at its middle, a sample those at its time.
 
-    A ramp is its begin [s] and the rates of change of the inputs before ``enable`` and of the further inputs that act.
+    A ramp is its begin [s] and the rates of change of the inputs before ``enable`` and of the further acting inputs.
     """
 
     _ramp: Ramp | None = None
@@ -59,7 +59,7 @@ class RampedCore(Core):
         super()._sample(self._at(self._begun))
 
     def _at(self, time: float) -> Inputs:
-        """The inputs at a time [s] of the ramp."""
+        """Return the inputs at a time [s] of the ramp."""
         if self._ramp is None:
             return self._held
         begin, rates = self._ramp
@@ -71,12 +71,12 @@ class RampedCore(Core):
 
 
 def ramped_core(values: Mapping[str, Any], model: str = NONLINEAR) -> RampedCore:
-    """A core at its start, whose inputs may change."""
+    """Return a core at its start, whose inputs may ramp."""
     return RampedCore(codegen.bound(values, model), codegen.sizes(get(model)))
 
 
 class CompiledCore:
-    """A core in machine code: a batch of one, with the inputs and outputs of a core whose vehicle is in free fall."""
+    """A core in machine code: a batch of one, whose inputs contain no loads from the vehicle's motion."""
 
     def __init__(self, values: Mapping[str, Any], model: str = NONLINEAR) -> None:
         self._batch = Batch(parameter_row(values, model)[np.newaxis], 1, model, lanes=1)
@@ -93,10 +93,10 @@ class CompiledCore:
 
 
 def acting(reference: float = 0.0, supply: float = 39.0, enabled: bool = True) -> PlantInputs:
-    """What acts on an electromechanical plant through a step: a drive's reference [V], and no load."""
+    """Return an electromechanical plant's inputs for a step: the drive's reference [V], the supply [V] and no load."""
     return PlantInputs(reference=reference, **vars(NONE), supply=supply, enabled=enabled, rated_current_limit=None)
 
 
 def nested(values: Mapping[str, Any], model: str, **structure: Any) -> Any:
-    """Parameters as a model's equations take them, some of its structure chosen otherwise."""
+    """Return parameters as a model's equations read them, with changes of its structure."""
     return namespace(values, replace(get(model).structure, **structure))

@@ -1,10 +1,10 @@
-"""The smallest campaign and tuning study, of one parameter and a step of 2 deg."""
+"""The smallest campaign and tuning study: one parameter and a step of 2 deg."""
 
 from __future__ import annotations
 
 
 def campaign(parameter: str) -> str:
-    """Two units whose parameter differs from its value by up to 5 %."""
+    """Return a campaign of two samples, in which a parameter varies by up to 5 %."""
     return f"""
 [campaign]
 samples = 2
@@ -20,7 +20,7 @@ duration = "0.3 s"
 
 
 def tuning(parameter: str, lower: str, upper: str, rise_time: str = "10 s") -> str:
-    """A parameter between two values, with units, so that a step rises within a time."""
+    """Return a tuning study of a parameter between two limits, whose requirement is the rise time of a step."""
     return f"""
 [tunables]
 "{parameter}" = {{ lower = "{lower}", upper = "{upper}" }}

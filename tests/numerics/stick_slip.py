@@ -1,4 +1,4 @@
-"""An actuator of the tests' own: a fin on a spring, with dry friction and stops.
+"""A test actuator: a fin on a spring, with dry friction and stops.
 
     J d2(delta)/dt2 = -k delta - C sgn(d(delta)/dt) + T
 """
