@@ -1,11 +1,11 @@
-"""Whether the quick check finds a wrong sign, operator or constant: random mutants, each in a copy of the tree.
+"""Test whether the quick check finds a wrong sign, operator or constant: random mutants, each in a copy of the tree.
 
     python -m tests.mutants --count 45 --seed 1 [--under emcas_fmu/physics ...] [-n 2]
 
-Prints killed, ALIVE or no effect for each, with its place and change; exit code 1 where less than 95 % of those with an
-effect were killed. A mutant has none where nothing but actuators uses its file, and every shipped actuator, bare and
-with each extension, computes and declares the same to the last character (`python -m tests.kernels --digest`). Others
-that have none count as alive.
+Prints killed, ALIVE or no effect for each, with its line and change; exit code 1 if fewer than 95 % of the mutants with
+an effect were killed. A mutant has no effect if only actuators use its file, and every shipped actuator, alone and with
+each extension, computes and declares the same to the last character (`python -m tests.kernels --digest`). A mutant of
+another file without effect counts as alive.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ UNDER = tuple(f"emcas_fmu/{name}" for name in (
     "physics", "steppers", "control", "actuators", "extensions", "runtime", "bench"))
 ENOUGH = 0.95
 TOO_LONG = 900  # s
-# Of the quick check, run first: they find most, in seconds.
+# Tests of the quick check that run first: they find most mutants, in seconds.
 SHARP = {"emcas_fmu/bench": ("tests/bench",),
          "emcas_fmu/runtime": tuple(f"tests/unit/test_{name}.py" for name in ("batch", "compiled", "simulate")),
          "emcas_fmu": ("tests/trajectories",)}
-DECLARED = {"physics", "steppers", "control", "actuators", "extensions"}  # what actuators are made of
+DECLARED = {"physics", "steppers", "control", "actuators", "extensions"}  # the folders whose code defines actuators
 _SWAPPED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
 _FLIPPED = {ast.Lt: ">=", ast.GtE: "<", ast.Gt: "<=", ast.LtE: ">", ast.Eq: "!=", ast.NotEq: "=="}
 _OTHER = {"minimum": "maximum", "maximum": "minimum", "min": "max", "max": "min"}
@@ -45,11 +45,11 @@ _NO_C = re.compile(r'/\*.*?\*/|"(?:\\.|[^"\\\n])*"|^[ \t]*#(?:[^\n]*\\\n)*[^\n]*
 _C = re.compile(r"(?<= )(?:[-+*/<>]|[-+]=|[<>=!]=|&&|\|\|)(?= )|(?<![\w.])\d+(?:\.\d+)?(?![\w.])")
 _C_SWAPPED = {"+": "-", "-": "+", "*": "/", "/": "*", "+=": "-=", "-=": "+=", "<": ">=", ">=": "<", ">": "<=",
               "<=": ">", "==": "!=", "!=": "==", "&&": "||", "||": "&&"}
-_TEXTS = (ast.Raise, ast.JoinedStr, ast.Assert)  # errors' texts and formats: what is in them is not computed with
+_TEXTS = (ast.Raise, ast.JoinedStr, ast.Assert)  # texts of errors and formats, which compute nothing
 
 
 class Mutant(NamedTuple):
-    """A change of one place: the file, its line, from where to where its text changes [bytes], and the new text."""
+    """One change: the file, its line, begin and end of the changed text [bytes], and the new text."""
 
     file: str
     line: int
@@ -59,7 +59,7 @@ class Mutant(NamedTuple):
 
 
 def _sites(node: ast.AST) -> Iterator[ast.AST]:
-    """Give a tree's nodes but for annotations, texts of errors, __repr__ and sizes of caches."""
+    """Yield a tree's nodes without annotations, texts of errors, __repr__ and sizes of caches."""
     for name, value in ast.iter_fields(node):
         if name in ("annotation", "returns"):
             continue
@@ -72,16 +72,16 @@ def _sites(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def _changed(node: ast.AST, text: bytes, begins: Sequence[int]) -> tuple[int, int, str] | None:
-    """Return from where to where a node's text changes [bytes], and the new text; None of a node that stays."""
-    def place(part: ast.expr, end: bool = False) -> int:
+    """Return begin and end of the changed text of a node [bytes] and the new text; None if the node does not change."""
+    def offset(part: ast.expr, end: bool = False) -> int:
         line, column = (part.end_lineno, part.end_col_offset) if end else (part.lineno, part.col_offset)
         return begins[(line or 1) - 1] + (column or 0)
 
     def between(left: ast.expr, right: ast.expr, old: bytes, new: str) -> tuple[int, int, str] | None:
-        """Return the operator's place; a bracket or a line's end may stand about it, a comment may not."""
-        low, high = place(left, True), place(right)
-        at = text.find(old, low, high)
-        return None if at < 0 or b"#" in text[low:high] else (at, at + len(old), new)
+        """Return the change of the operator between two nodes; None if a comment is between them."""
+        low, high = offset(left, True), offset(right)
+        begin = text.find(old, low, high)
+        return None if begin < 0 or b"#" in text[low:high] else (begin, begin + len(old), new)
 
     signs = {ast.Add: b"+", ast.Sub: b"-", ast.Mult: b"*", ast.Div: b"/", ast.Lt: b"<", ast.GtE: b">=", ast.Gt: b">",
            ast.LtE: b"<=", ast.Eq: b"==", ast.NotEq: b"!=", ast.And: b"and", ast.Or: b"or"}
@@ -93,20 +93,20 @@ def _changed(node: ast.AST, text: bytes, begins: Sequence[int]) -> tuple[int, in
         other = "or" if isinstance(node.op, ast.And) else "and"
         return between(node.values[0], node.values[1], signs[type(node.op)], other)
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        return place(node), place(node) + 1, ""
+        return offset(node), offset(node) + 1, ""
     if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)) and not isinstance(node.value, bool):
         number = node.value
         larger = number + max(1, number // 10) if isinstance(number, int) else number * 1.1 or 0.1
-        return place(node), place(node, True), repr(larger)
+        return offset(node), offset(node, True), repr(larger)
     name = node.func if isinstance(node, ast.Call) else None
     word = name.attr if isinstance(name, ast.Attribute) else name.id if isinstance(name, ast.Name) else ""
     if name is not None and word in _OTHER:
-        return place(name, True) - len(word), place(name, True), _OTHER[word]
+        return offset(name, True) - len(word), offset(name, True), _OTHER[word]
     return None
 
 
 def _in_c(text: str) -> Iterator[tuple[int, int, str]]:
-    """Give from where to where C changes, and to what: not in comments, texts and lines of the preprocessor."""
+    """Yield begin, end and new text of the changes of C code, except in comments, texts and preprocessor lines."""
     code = _NO_C.sub(lambda found: " " * len(found[0]), text)
     for found in _C.finditer(code):
         word = found[0]
@@ -117,7 +117,7 @@ def _in_c(text: str) -> Iterator[tuple[int, int, str]]:
 
 
 def mutants(under: Sequence[str] = UNDER, root: Path = ROOT, c: bool = False) -> list[Mutant]:
-    """Return every mutant of the Python files below these folders, or of these files; of C files instead with `c`."""
+    """Return every mutant of the Python files in these folders, or of these files; with `c`, of the C files instead."""
     found = []
     for start in (root / each for each in under):
         for path in sorted(p for p in start.rglob("*.*") if p.suffix in (".c", ".h")) if c else []:
@@ -138,7 +138,7 @@ def mutants(under: Sequence[str] = UNDER, root: Path = ROOT, c: bool = False) ->
 
 @contextmanager
 def applied(mutant: Mutant, tree: Path) -> Iterator[str]:
-    """Change one place of a tree; put it back in the end. Yields the line before and after, in words."""
+    """Apply a mutant to a tree, yield the line before and after as text, and restore the file."""
     path = tree / mutant.file
     before = path.read_bytes()
     after = before[:mutant.begin] + mutant.new.encode() + before[mutant.end:]
@@ -151,7 +151,7 @@ def applied(mutant: Mutant, tree: Path) -> Iterator[str]:
 
 
 def _imported(path: Path, root: Path) -> set[Path]:
-    """Return the files of the package that a file imports from, inside functions too."""
+    """Return the files of the package that a file imports, also inside functions."""
     found = set()
     for node in ast.walk(ast.parse(path.read_bytes())):
         if isinstance(node, ast.ImportFrom):
@@ -162,7 +162,7 @@ def _imported(path: Path, root: Path) -> set[Path]:
 
 @cache
 def declared_only(root: Path = ROOT) -> frozenset[str]:
-    """Return the files that act through the actuators alone: nothing else imports them, or what imports them."""
+    """Return the files that only actuators import, directly or indirectly."""
     files = [path for path in (root / "emcas_fmu").rglob("*.py") if path.name != "__init__.py"]
     within = {path for path in files if path.relative_to(root).parts[1] in DECLARED}
     new = set().union(*(_imported(path, root) for path in files if path not in within)) & within
@@ -180,18 +180,18 @@ def _python(tree: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def _digest(tree: Path) -> str:
-    """Return a digest of all that actuators compute and declare in a tree."""
+    """Return a digest of everything that actuators compute and declare in a tree; empty if this fails."""
     done = _python(tree, "tests.kernels", "--digest")
     return done.stdout if done.returncode == 0 else ""
 
 
 @cache
-def _digest_as_it_is() -> str:
+def _digest_of_original() -> str:
     return _digest(ROOT)
 
 
 def killed(tree: Path, file: str) -> bool:
-    """Return whether the quick check fails in a tree where a file is changed: the sharpest tests for that first."""
+    """Return whether the quick check fails in a tree with one changed file; run the tests for that folder first."""
     first = next(tests for folder, tests in SHARP.items() if file.startswith(folder))
     quick = (ROOT / "tests/quick.txt").read_text(encoding="utf-8").split("\n")
     options = [line for line in quick if line.startswith("--")]
@@ -200,49 +200,49 @@ def killed(tree: Path, file: str) -> bool:
             if _python(tree, "pytest", "-x", "-q", "-p", "no:cacheprovider", "-n", "0", *tests, "-m",
                        "not fmu and not acceptance and not slow").returncode:
                 return True
-        except subprocess.TimeoutExpired:  # it runs for ever
+        except subprocess.TimeoutExpired:  # the mutant does not end
             return True
     return False
 
 
-def tried(mutant: Mutant, trees: SimpleQueue[Path]) -> tuple[str, str]:
-    """Return what becomes of a mutant in one of the trees that are free, and the change in words."""
+def try_mutant(mutant: Mutant, trees: SimpleQueue[Path]) -> tuple[str, str]:
+    """Try a mutant in a free tree; return "killed", "no effect" or "ALIVE", and the change as text."""
     tree = trees.get()
     try:
         with applied(mutant, tree) as change:
             if killed(tree, mutant.file):
                 return "killed", change
-            same = mutant.file in declared_only() and _digest(tree) == _digest_as_it_is() != ""
+            same = mutant.file in declared_only() and _digest(tree) == _digest_of_original() != ""
             return "no effect" if same else "ALIVE", change
     finally:
         trees.put(tree)
 
 
 def main() -> int:
-    """Try the mutants that the arguments ask for. Returns the exit code."""
+    """Try the requested mutants; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=45)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--under", nargs="+", default=UNDER)
-    parser.add_argument("--c", action="store_true", help="of the C files")
+    parser.add_argument("--c", action="store_true", help="change the C files")
     parser.add_argument("-n", "--processes", type=int, default=2)
-    given = parser.parse_args()
-    places = mutants(given.under, c=given.c)
-    chosen = random.Random(given.seed).sample(places, min(given.count, len(places)))
+    options = parser.parse_args()
+    found = mutants(options.under, c=options.c)
+    chosen = random.Random(options.seed).sample(found, min(options.count, len(found)))
     trees: SimpleQueue[Path] = SimpleQueue()
-    ends: Counter[str] = Counter()
-    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(given.processes) as pool:
-        for place in range(given.processes):
-            trees.put(Path(shutil.copytree(ROOT, Path(folder) / f"tree{place}", ignore=shutil.ignore_patterns(
+    verdicts: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(options.processes) as pool:
+        for number in range(options.processes):
+            trees.put(Path(shutil.copytree(ROOT, Path(folder) / f"tree{number}", ignore=shutil.ignore_patterns(
                 ".git", ".venv", "__pycache__", ".*_cache"))))
         if killed(Path(folder) / "tree0", UNDER[0]):
-            print("the quick check fails without a mutant: mend that first")
+            print("the quick check fails without a mutant: correct this first")
             return 2
-        for mutant, (end, change) in zip(chosen, pool.map(partial(tried, trees=trees), chosen)):
-            ends[end] += 1
-            print(f"{end:9} {mutant.file}:{mutant.line}  {change}", flush=True)
-    print(f"{ends['killed']} of {len(chosen)} killed, {ends['no effect']} without effect, {ends['ALIVE']} alive")
-    return 0 if ends["killed"] >= ENOUGH * (ends["killed"] + ends["ALIVE"]) else 1
+        for mutant, (verdict, change) in zip(chosen, pool.map(partial(try_mutant, trees=trees), chosen)):
+            verdicts[verdict] += 1
+            print(f"{verdict:9} {mutant.file}:{mutant.line}  {change}", flush=True)
+    print(f"{verdicts['killed']} of {len(chosen)} killed, {verdicts['no effect']} without effect, {verdicts['ALIVE']} alive")
+    return 0 if verdicts["killed"] >= ENOUGH * (verdicts["killed"] + verdicts["ALIVE"]) else 1
 
 
 if __name__ == "__main__":

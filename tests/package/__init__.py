@@ -1,1 +1,1 @@
-"""What is distributed: the wheel and the source archive."""
+"""Tests of the distributed archives and of the package's layers."""

@@ -1,4 +1,4 @@
-"""Wheel and source archive: complete, nothing else in them, and enough where nothing of the repository is."""
+"""Wheel and source archive contain exactly the package and its data, and work without the repository."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.hosts.host import missing
 ROOT = Path(__file__).resolve().parents[2]
 RECORDS = ROOT / "examples/identification_bench/records"
 PROGRAMS = "Scripts" if os.name == "nt" else "bin"
-# Those of the README that the base install is enough for; MODELS is the installed folder of data, RECORDS a user's.
+# The README's commands that need no extra; MODELS is the installed folder of data, RECORDS the user's.
 COMMANDS = (
     "emcas --help", "emcas parameters --sets", "emcas parameters -p drive-pi",
     "emcas build", "emcas validate EMCAS.fmu --report report.html",
@@ -34,14 +34,13 @@ COMMANDS = (
     "emcas identify backlash RECORDS/backlash.csv --report backlash.html")
 
 
-def test_the_changelog_begins_with_the_version() -> None:
+def test_changelog_begins_with_the_version() -> None:
     headings = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
     assert headings[0] in (f"{__version__} ({__date__})", f"{__version__} (unreleased)")
     assert str(date.fromisoformat(__date__)) == __date__
 
 
-def test_author_and_licence_are_those_of_the_files() -> None:
-    """What an FMU says of itself, where the files have to say it too."""
+def test_author_and_licence_are_the_same_in_all_files() -> None:
     licence = (ROOT / "LICENSE").read_text(encoding="utf-8").splitlines()
     assert (licence[0], licence[2]) == (f"{__license__} License", __copyright__)
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
@@ -68,14 +67,14 @@ def run(command: list[str | Path], folder: Path) -> str:
 
 
 def shipped(folder: str) -> set[str]:
-    """Return the files of a folder of the repository, as the wheel has them."""
+    """Return the names in the wheel of the files in a folder of the repository."""
     paths = (path for path in (ROOT / folder).rglob("*") if path.is_file() and "__pycache__" not in path.parts)
     names = {path.relative_to(ROOT).as_posix() for path in paths}
     return names if folder == "emcas_fmu" else {f"emcas_fmu/{name}" for name in names}
 
 
 @pytest.mark.slow
-def test_contents(archives: tuple[Path, Path]) -> None:
+def test_archives_contain_all_files_and_no_others(archives: tuple[Path, Path]) -> None:
     source, wheel = archives
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if not name.startswith(f"emcas_fmu-{__version__}.dist-info/")}
@@ -88,8 +87,8 @@ def test_contents(archives: tuple[Path, Path]) -> None:
 
 @pytest.mark.fmu
 @pytest.mark.slow
-def test_commands_where_only_the_wheel_is(archives: tuple[Path, Path], tmp_path: Path) -> None:
-    """Installed with what it asks for and no more: no extra, no file of the repository."""
+def test_commands_run_with_only_the_wheel_installed(archives: tuple[Path, Path], tmp_path: Path) -> None:
+    """In an environment with the wheel and its required packages: no extra, no file of the repository."""
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         missing("there is no C compiler (Debian: apt-get install gcc)")
@@ -107,5 +106,6 @@ def test_commands_where_only_the_wheel_is(archives: tuple[Path, Path], tmp_path:
             line = line.replace(name, str(path))
         program, *arguments = line.split()
         run([programs / program, *arguments], elsewhere)
-    made = {path.name for path in elsewhere.iterdir() if path.stat().st_size}
-    assert made == {"EMCAS.fmu", "Native.fmu", "Valve.fmu", "report.html", "out.csv", "response.html", "backlash.html"}
+    outputs = {path.name for path in elsewhere.iterdir() if path.stat().st_size}
+    assert outputs == {"EMCAS.fmu", "Native.fmu", "Valve.fmu", "report.html", "out.csv", "response.html",
+                       "backlash.html"}

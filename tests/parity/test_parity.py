@@ -1,4 +1,4 @@
-"""The Python and the native unit are one model: FMI calls in lockstep, and the same bits."""
+"""The Python and the native FMU respond to the same calls with the same bits."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from emcas_fmu.support.files import models_directory
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
 from tests.marks import others_slow
 
-from ..fmu.built import slave_class as local_class
+from ..fmu.built import slave_class as build_slave_class
 from ..fmu.host import OK, Fmu, Instance
 from ..simulation import ramped_core
 
-ANGLE = 1e-9  # rad, the contract; measured: no difference at all
+ANGLE = 1e-9  # rad, the documented tolerance; measured: no difference
 REALS, BOOLEANS = ([v.name for v in OUTPUTS if v.kind == kind] for kind in ("Real", "Boolean"))
 INDEX = {v.name: i for i, v in enumerate(VARIABLES)}
 
@@ -41,16 +41,16 @@ def library(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Fmu:
 
 @pytest.fixture(scope="module")
 def slave_class(values: Mapping[str, Any]) -> type[Slave]:
-    return local_class(FmuInterface(1), [values])
+    return build_slave_class(FmuInterface(1), [values])
 
 
 @pytest.mark.acceptance
 @pytest.mark.parametrize("case", others_slow((case.name for case in CASES), lambda name: name not in (
     "chirp_1deg", "chirp_3p5deg", "square")))
-def test_reference_cases(units: Mapping[str, Path], case: str) -> None:
-    """Both FMUs under fmpy, as a user runs them."""
+def test_both_fmus_agree_on_reference_cases(units: Mapping[str, Path], case: str) -> None:
+    """Run both FMUs in fmpy, as a user does."""
     (stored,) = load(models_directory() / "reference", [case])
-    stop = min(stored.stop_time, 4.0)  # of the long sweeps up to 3 and 4 Hz, where limits are met
+    stop = min(stored.stop_time, 4.0)  # s: long sweeps up to 3 and 4 Hz, where limits act
     signals = np.zeros(len(stored.inputs["time"]), dtype=[(name, float) for name in stored.inputs])
     for name, column in stored.inputs.items():
         signals[name] = column
@@ -64,11 +64,11 @@ def test_reference_cases(units: Mapping[str, Path], case: str) -> None:
 
 
 _UNIFORM = st.floats(-1.0, 1.0)
-# Away from extremes, where a parameter set would make a trivial or an endless run.
+# Ranges without extremes, with which a run would be trivial or take very long.
 _SPANS = {"controller.position.kp": (10.0, 200.0), "controller.position.ki": (0.0, 500.0),
           "controller.position.setpoint_weight": (0.0, 1.5), "controller.position.velocity_feedforward": (0.0, 1.0),
           "controller.velocity.kp": (0.005, 0.2), "controller.velocity.ki": (0.0, 2.0),
-          "controller.load_observer": (0.0, 250.0),  # of the longest sample time, too
+          "controller.load_observer": (0.0, 250.0),  # also at the longest sample time
           "controller.drive_antiwindup": (0.0, 50.0), "deviation.kinematics.moment_arm": (-0.1, 0.1),
           "deviation.kinematics.initial_angle": (-0.05, 0.05), "deviation.screw.lead": (-0.1, 0.1),
           "deviation.motor.torque_constant": (-0.3, 0.3), "deviation.friction.coulomb": (-1.0, 3.0),
@@ -85,7 +85,7 @@ _parameters = st.dictionaries(st.sampled_from(sorted(_SPANS)), st.floats(0.0, 1.
 _flags = st.fixed_dictionaries({}, optional={
     **{name: st.booleans() for name in ("encoder.enabled", "encoder.on_fin", "loads.gravity")},
     "motor.pole_pairs": st.integers(0, 8)})
-# One of them is tuned while running, or none.
+# Changes of a tunable parameter during a run.
 _TUNED = [("controller.position.kp", 30.0), ("controller.position.kp", 90.0),
           ("controller.position.setpoint_weight", 0.8), ("controller.position.setpoint_weight", 1.0),
           ("controller.load_observer", 0.0), ("controller.load_observer", 120.0)]
@@ -104,9 +104,9 @@ _segments = st.lists(st.fixed_dictionaries({
 @settings(derandomize=True, max_examples=75,
           suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(changes=_parameters, flags=_flags, segments=_segments)
-def test_any_host_any_parameters(library: Fmu, slave_class: type[Slave], changes: dict[str, float],
-                                 flags: dict[str, int], segments: list[dict[str, Any]]) -> None:
-    """Parameters, inputs, step sizes, restored states, tuning while running: the same answers, the same outputs."""
+def test_both_fmus_agree_on_any_calls(library: Fmu, slave_class: type[Slave], changes: dict[str, float],
+                                      flags: dict[str, int], segments: list[dict[str, Any]]) -> None:
+    """Parameters, inputs, step sizes, restored states and tuning during the run."""
     native, python = Instance(library), slave_class(instance_name="fin")
     python.setup_experiment(0.0)
     python.enter_initialization_mode()
@@ -130,7 +130,7 @@ def test_any_host_any_parameters(library: Fmu, slave_class: type[Slave], changes
                 done = python.do_step(time, segment["size"])
                 assert done == (native.step(time, segment["size"]) == OK), native.log
                 if not done:
-                    event("a step that cannot be followed")
+                    event("a step that is refused")
                     break
                 time += segment["size"]
             outputs = native.outputs()
@@ -153,8 +153,9 @@ def _set(slave: Slave, name: str, value: Any) -> None:
           suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(rates=st.tuples(*(st.floats(-1.0, 1.0) for _ in range(7))), sizes=st.lists(
     st.sampled_from([2e-4, 1e-3, 1.7e-3, 5e-3]), min_size=1, max_size=15))
-def test_ramps(library: Fmu, values: Mapping[str, Any], rates: tuple[float, ...], sizes: list[float]) -> None:
-    """Input derivatives: the native unit against a Python core with ramps: the same bits."""
+def test_input_derivatives(library: Fmu, values: Mapping[str, Any], rates: tuple[float, ...], sizes: list[float]
+                           ) -> None:
+    """The native FMU with input derivatives and a Python core with ramps agree to the bit."""
     native, core = Instance(library), ramped_core(values)
     native.initialize()
     scales = {"fin_command": 3.0, "aero_torque": 500.0, "acceleration.x": 2e3, "acceleration.z": 2e3,
@@ -168,10 +169,11 @@ def test_ramps(library: Fmu, values: Mapping[str, Any], rates: tuple[float, ...]
             native.differentiate(name, 1, slopes[name])
         assert native.step(time, size) == OK
         begin, end = time, time + size
-        there = {name: value + slopes[name] * (end - begin) for name, value in now.items()}
-        made, later = (core.motion_loads(*(at.get(v.name, 0.0) for v in fin_port.MOTION)) for at in (now, there))
-        rise = ((b - a) / (end - begin) for a, b in zip(made, later, strict=True))
-        outputs = core.run(end, (now["fin_command"], now["aero_torque"], *made, now["supply_voltage"], True),
+        then = {name: value + slopes[name] * (end - begin) for name, value in now.items()}
+        loads, loads_then = (core.motion_loads(*(inputs.get(v.name, 0.0) for v in fin_port.MOTION))
+                             for inputs in (now, then))
+        rise = ((b - a) / (end - begin) for a, b in zip(loads, loads_then, strict=True))
+        outputs = core.run(end, (now["fin_command"], now["aero_torque"], *loads, now["supply_voltage"], True),
                            (begin, (slopes["fin_command"], slopes["aero_torque"], *rise, slopes["supply_voltage"])))
         assert native.get("fin_angle") == outputs[0]
         assert native.get("motor_current") == outputs[4]
@@ -179,8 +181,8 @@ def test_ramps(library: Fmu, values: Mapping[str, Any], rates: tuple[float, ...]
     native.free()
 
 
-def test_rules_for_parameters_say_the_same(library: Fmu, slave_class: type[Slave]) -> None:
-    """Every rule and every limit: the same message from both, each made of one text."""
+def test_both_fmus_refuse_parameters_with_the_same_message(library: Fmu, slave_class: type[Slave]) -> None:
+    """Every rule, and every limit of every parameter."""
     bad: list[dict[str, Any]] = [
         {"fin.stop_angle": 0.1}, {"fin.start_angle": 0.5}, {"kinematics.initial_angle": 1.04, "fin.stop_angle": 0.6},
         {"drive.transport_delay": 0.1}, {"encoder.multiplier": 3}, {"command.latency": 0.021},
@@ -198,18 +200,18 @@ def test_rules_for_parameters_say_the_same(library: Fmu, slave_class: type[Slave
             _set(python, name, value)
         python.exit_initialization_mode()
         native.initialize(**{n.replace(".", "__"): v for n, v in changes.items()})
-        said = [message for _, message in native.log]
-        assert "; ".join(said) == python._refusal, changes
-        assert said
+        messages = [message for _, message in native.log]
+        assert "; ".join(messages) == python._refusal, changes
+        assert messages
         native.free()
 
 
 @pytest.fixture(autouse=True)
 def quiet(capsys: pytest.CaptureFixture[str]) -> Iterator[None]:
-    """The Python slave reports refusals on standard error, fmpy lists missing inputs."""
+    """Discard the Python FMU's refusals and fmpy's missing inputs on standard error."""
     yield
     capsys.readouterr()
 
 
-def test_the_inputs_are_those_of_the_table(library: Fmu) -> None:
+def test_fmu_inputs_are_those_of_the_declaration(library: Fmu) -> None:
     assert list(library.references)[:len(INPUTS)] == [v.name for v in INPUTS]

@@ -1,4 +1,4 @@
-"""Actuators moved many at once, by vectors of every width this processor has: the bits of one at a time."""
+"""Many actuators in vectors, of every width of this processor: the same bits as one by one."""
 
 from __future__ import annotations
 
@@ -20,63 +20,63 @@ from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 from tests.tools.test_every_actuator import TOGETHER
 
 WIDTHS = (4, 8)
-# An extension whose branches its default values leave out.
+# Parameters for branches of an extension that its default values do not reach.
 FURTHER = {"nonlinear+inverter": {"inverter.dead_time": 2e-6, "inverter.pole_pairs": 4}}
-# The default actuator always; each of the others takes up to a minute to compile.
+# Only the default actuator is not slow: each of the others takes up to a minute to compile.
 MODELS = others_slow((*NAMES, DIRECT_DRIVE, *TOGETHER, *FURTHER), lambda model: model == NONLINEAR)
 SEEDS = st.integers(0, 2**32 - 1)
 LARGEST = {"fin_command": 0.6, "aero_torque": 150.0}
-STEPS = (1e-3, 1e-3, 1e-3, 3.3e-4, 5e-5, 2.7e-3, 0.0)  # s: samples, and points inside ticks
+STEPS = (1e-3, 1e-3, 1e-3, 3.3e-4, 5e-5, 2.7e-3, 0.0)  # s: whole samples, and points inside ticks
 
 
 def widths(model: str) -> list[int]:
-    """Return the widths of vectors of this processor: all of the default actuator, the largest of others."""
-    there_are = [width for width in WIDTHS if width <= library.loaded(model).actuator_lanes()]
-    return there_are if model == NONLINEAR else there_are[-1:]
+    """Return this processor's widths of vectors: all for the default actuator, the largest for others."""
+    available = [width for width in WIDTHS if width <= library.loaded(model).actuator_lanes()]
+    return available if model == NONLINEAR else available[-1:]
 
 
 def varied(model: str, count: int, rng: np.random.Generator) -> Array:
-    """Return parameters [count, parameters] that differ by some percent, delays by more; all are sound."""
-    given = load_parameters(model=model).with_values(FURTHER.get(model, {}))
-    row, parameters = parameter_row(given.values, model), get(model).parameters
+    """Return valid parameters [count, parameters] that differ by 1 %, delays by up to 30 %."""
+    chosen = load_parameters(model=model).with_values(FURTHER.get(model, {}))
+    row, parameters = parameter_row(chosen.values, model), get(model).parameters
     sets = np.tile(row, (count, 1))
     for k, variable in enumerate(parameters):
         spread = 0.3 if "delay" in variable.name else 0.01
         if variable.kind == "Real" and rng.random() < 0.3:
             sets[:, k] *= rng.uniform(1.0 - spread, 1.0, count)
-    sound = run_tables(sets, [np.float64(v.initial(given.values)) for v in get(model).inputs], 1e-3, [], model)
-    sets[list(sound.failures)] = row
+    trial = run_tables(sets, [np.float64(v.initial(chosen.values)) for v in get(model).inputs], 1e-3, [], model)
+    sets[list(trial.failures)] = row
     return sets
 
 
 def inputs(model: str, count: int, rng: np.random.Generator) -> dict[int, Any]:
-    """Return some of an actuator's inputs, by their place: a number for all, or a value for each."""
+    """Return random values of some of an actuator's inputs, by index: one number for all, or a value for each."""
     chosen: dict[int, Any] = {}
-    for place, variable in enumerate(get(model).inputs):
+    for index, variable in enumerate(get(model).inputs):
         if rng.random() > (0.8 if variable.name in LARGEST else 0.15):
             continue
         size = None if rng.random() < 0.3 else count
         if variable.kind == "Boolean":
-            chosen[place] = rng.random(size) < 0.8
+            chosen[index] = rng.random(size) < 0.8
         elif variable.kind == "Integer":
-            chosen[place] = rng.integers(0, 3, size)
+            chosen[index] = rng.integers(0, 3, size)
         else:
             start = variable.initial(load_parameters(model=model).values)
-            chosen[place] = start + rng.uniform(-1.0, 1.0, size) * LARGEST.get(variable.name, 0.5 * abs(start) + 1.0)
+            chosen[index] = start + rng.uniform(-1.0, 1.0, size) * LARGEST.get(variable.name, 0.5 * abs(start) + 1.0)
     if rng.random() < 0.05:
-        chosen[1] = np.where(rng.random(count) < 0.2, 1e300, 0.0)  # more than can be followed
+        chosen[1] = np.where(rng.random(count) < 0.2, 1e300, 0.0)  # more than a step can compute
     return chosen
 
 
 def bits(numbers: Array) -> Array:
-    """Return numbers by their bits: 0 and -0 differ."""
+    """Return the bits of numbers, in which 0 and -0 differ."""
     return np.ascontiguousarray(numbers).view(np.int64)
 
 
-def moved(batch: Batch, end: float, chosen: dict[int, Any]) -> str:
-    """Move a batch; return what it says of actuators that cannot be followed."""
-    for place, value in chosen.items():
-        batch.hold(place, value)
+def run(batch: Batch, end: float, chosen: dict[int, Any]) -> str:
+    """Run a batch to a time [s]; return the error message, or an empty text."""
+    for index, value in chosen.items():
+        batch.hold(index, value)
     try:
         batch.run(end)
     except ArithmeticError as error:
@@ -84,12 +84,12 @@ def moved(batch: Batch, end: float, chosen: dict[int, Any]) -> str:
     return ""
 
 
-def started(sets: Array, count: int, model: str = NONLINEAR) -> list[Batch]:
-    """Batches at their start, by the loop and by every width of vectors."""
+def new_batches(sets: Array, count: int, model: str = NONLINEAR) -> list[Batch]:
+    """Return batches at their start: one computed one by one, one for every width of vectors."""
     batches = [Batch(sets, count, model, lanes=width) for width in (1, *widths(model))]
     for batch in batches:
-        for place, variable in enumerate(get(model).inputs):
-            batch.hold(place, float(variable.initial(load_parameters(model=model).values)))
+        for index, variable in enumerate(get(model).inputs):
+            batch.hold(index, float(variable.initial(load_parameters(model=model).values)))
     return batches
 
 
@@ -97,47 +97,47 @@ def started(sets: Array, count: int, model: str = NONLINEAR) -> list[Batch]:
 @settings(max_examples=8, suppress_health_check=list(HealthCheck))
 @given(seed=SEEDS, count=st.integers(1, 21))
 @example(seed=0, count=16)
-def test_a_batch_by_vectors_is_the_loop(model: str, seed: int, count: int) -> None:
-    """Whatever parameters, inputs and steps: all outputs to the bit, and the same actuators stop."""
+def test_batches_of_vectors_agree_to_the_bit(model: str, seed: int, count: int) -> None:
+    """Any parameters, inputs and steps: the same outputs, and errors of the same actuators."""
     rng = np.random.default_rng(seed)
     sets = varied(model, count, rng) if rng.random() < 0.8 else varied(model, 1, rng)
-    batches = started(sets, count, model)
+    batches = new_batches(sets, count, model)
     end = 0.0
     for _ in range(60):
         end += rng.choice(STEPS)
         chosen = inputs(model, count, rng)
-        said = [moved(batch, end, chosen) for batch in batches]
-        assert len(set(said)) == 1, said
+        errors = [run(batch, end, chosen) for batch in batches]
+        assert len(set(errors)) == 1, errors
         for batch in batches[1:]:
             np.testing.assert_array_equal(bits(batch.outputs), bits(batches[0].outputs))
 
 
-def test_actuators_of_other_schedules_keep_their_places() -> None:
-    """Of four, the first and the third have another delay: they stand beside each other in the vector alone."""
+def test_outputs_stay_in_order_if_schedules_differ() -> None:
+    """Vectors group actuators with equal delays: here the first with the third."""
     sets = np.tile(parameter_row(load_parameters().values), (4, 1))
     sets[:, [v.name for v in get(NONLINEAR).parameters].index("drive.transport_delay")] = (0.002, 0.0031, 0.002, 0.0031)
-    batches = started(sets, 4)
+    batches = new_batches(sets, 4)
     for batch in batches:
         batch.hold(0, np.array([0.1, 0.2, 0.3, 0.4]))
         batch.run(0.05)
         np.testing.assert_array_equal(batch.outputs, batches[0].outputs)
 
 
-def test_neighbours_of_those_that_cannot_be_followed_go_on() -> None:
-    """First, amid and last of full and unfilled vectors, for several steps; then they catch up: as one by one."""
-    count, stopped = 19, [0, 10, 18]
+def test_failing_actuators_do_not_disturb_their_neighbours() -> None:
+    """The first, a middle and the last actuator fail for several steps, in full and partly filled vectors."""
+    count, failing = 19, [0, 10, 18]
     torque = np.zeros(count)
-    torque[stopped] = 1e300
-    batches = started(parameter_row(load_parameters().values)[np.newaxis], count)
+    torque[failing] = 1e300
+    batches = new_batches(parameter_row(load_parameters().values)[np.newaxis], count)
     for batch in batches:
         batch.hold(0, np.linspace(0.05, 0.3, count))
         batch.run(0.005)
-        there = batch.outputs[:, stopped].copy()
+        before = batch.outputs[:, failing].copy()
         batch.hold(1, torque)
         for k in range(3):
             with pytest.raises(ArithmeticError, match="actuators 0, 10, 18: "):
                 batch.run(0.01 + k * 1e-3)
-        np.testing.assert_array_equal(batch.outputs[:, stopped], there)
+        np.testing.assert_array_equal(batch.outputs[:, failing], before)
         reached = batch.outputs[0].copy()
         batch.hold(1, 0.0)
         batch.run(0.02)
@@ -148,14 +148,14 @@ def test_neighbours_of_those_that_cannot_be_followed_go_on() -> None:
 @pytest.mark.parametrize("model", MODELS)
 @settings(max_examples=4, suppress_health_check=list(HealthCheck))
 @given(seed=SEEDS, count=st.integers(2, 21))
-def test_tables_by_vectors_are_the_loop(model: str, seed: int, count: int) -> None:
-    """Whole runs: those that stop, or whose parameters are refused, leave the others alone."""
+def test_runs_in_vectors_agree_to_the_bit(model: str, seed: int, count: int) -> None:
+    """Runs that fail, or whose parameters are refused, do not change the others."""
     rng = np.random.default_rng(seed)
     sets, rows = varied(model, count, rng), 40
     starts = [float(v.initial(load_parameters(model=model).values)) for v in get(model).inputs]
     columns: list[Array] = [np.array(start) for start in starts]
-    for place, value in inputs(model, count, rng).items():
-        columns[place] = np.asarray(value, dtype=float) if np.ndim(value) == 0 else np.multiply.outer(
+    for index, value in inputs(model, count, rng).items():
+        columns[index] = np.asarray(value, dtype=float) if np.ndim(value) == 0 else np.multiply.outer(
             value, np.ones(rows))
     columns[0] = np.cumsum(rng.uniform(-0.02, 0.02, (count, rows)), axis=1)
     if rng.random() < 0.5:
@@ -175,9 +175,9 @@ def test_tables_by_vectors_are_the_loop(model: str, seed: int, count: int) -> No
             np.testing.assert_array_equal(column, tables[0].columns[name], err_msg=name)
 
 
-def test_vectors_are_compiled_where_they_pay(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A few steps are not worth it, unless they have been compiled; a processor without vectors has none."""
-    monkeypatch.setattr(library, "_steps", defaultdict(float))  # without those of the tests before
+def test_vectors_are_compiled_only_for_many_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Vectors that are compiled already are also used for a few steps."""
+    monkeypatch.setattr(library, "_steps", defaultdict(float))  # without the steps of other tests
     (model, width), = [(NONLINEAR, w) for w in widths(NONLINEAR)[:1]] or pytest.skip("no vectors on this processor")
     assert library.vectors(model, library.WORTH_VECTORS, width) is not None
     assert library.vectors(model, 1, width) is not None

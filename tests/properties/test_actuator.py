@@ -1,4 +1,4 @@
-"""What must hold for any command, load and parameter."""
+"""Properties of the default actuator under any command, load and parameters."""
 
 from __future__ import annotations
 
@@ -23,10 +23,12 @@ COMMON = settings(derandomize=True, max_examples=30,
                   suppress_health_check=[HealthCheck.function_scoped_fixture])
 angles = st.floats(-0.5, 0.5)
 loads = st.floats(-300.0, 300.0)
+Profile = list[tuple[float, float, bool, float]]  # fin command, load, enable, supply; 5 ms or five steps each
 profiles = st.lists(st.tuples(angles, loads, st.booleans(), st.floats(0.0, 50.0)), min_size=1, max_size=12)
 
 
 def _symmetric(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters with the same friction in both directions and no offsets."""
     mirrored = {f"friction.coulomb.negative[{k}]": (-1) ** k * values[f"friction.coulomb.positive[{k}]"]
                 for k in range(7)}
     return {**values, **mirrored, "kinematics.initial_angle": 0.0, "drive.current_offset": 0.0,
@@ -35,7 +37,7 @@ def _symmetric(values: Mapping[str, Any]) -> dict[str, Any]:
 
 @COMMON
 @given(angle=st.floats(-0.43, 0.43), initial=st.floats(-0.9, 0.9))
-def test_kinematics_round_trip(values: Mapping[str, Any], angle: float, initial: float) -> None:
+def test_motor_and_fin_angle_are_inverse_functions(values: Mapping[str, Any], angle: float, initial: float) -> None:
     p = namespace({**values, "kinematics.initial_angle": initial})
     motor = kinematics.motor_angle(FLOATS, p, angle)
     tangent = kinematics.lever_tangent(FLOATS, p, motor)
@@ -52,7 +54,7 @@ def test_kinematics_round_trip(values: Mapping[str, Any], angle: float, initial:
        viscous=st.floats(0.0, 0.05), coulomb=st.floats(0.0, 5.0))
 def test_friction_never_creates_energy(values: Mapping[str, Any], speed: float, start: float, temperature: float,
                                        viscous: float, coulomb: float) -> None:
-    """A unit coasting with its drive disabled and no load loses kinetic energy until it rests, and then rests."""
+    """With its drive disabled and no load, a coasting actuator never gains kinetic energy."""
     case = {**values, "friction.temperature": temperature, "friction.fin_viscous": viscous,
             "friction.fin_coulomb": coulomb}
     p = namespace(case)
@@ -63,8 +65,7 @@ def test_friction_never_creates_energy(values: Mapping[str, Any], speed: float, 
 
     def energy() -> float:
         angle, w, *_ = core.state[2]
-        w = float(w)
-        return 0.5 * float(mechanics.coefficients(FLOATS, p, angle).inertia) * w * w
+        return 0.5 * float(mechanics.coefficients(FLOATS, p, angle).inertia) * float(w)**2
 
     before = first = energy()
     for k in range(1, 60):
@@ -77,7 +78,7 @@ def test_friction_never_creates_energy(values: Mapping[str, Any], speed: float, 
 
 @COMMON
 @given(profile=profiles)
-def test_odd_symmetry(values: Mapping[str, Any], profile: list[tuple[float, float, bool, float]]) -> None:
+def test_mirrored_inputs_give_mirrored_outputs(values: Mapping[str, Any], profile: Profile) -> None:
     case = _symmetric(values)
 
     def run(sign: float) -> np.ndarray:
@@ -94,7 +95,7 @@ def test_odd_symmetry(values: Mapping[str, Any], profile: list[tuple[float, floa
 
 @COMMON
 @given(profile=profiles, step=st.sampled_from([0.1e-3, 0.37e-3, 1e-3, 7e-3]))
-def test_limits_hold(values: Mapping[str, Any], profile: list[tuple[float, float, bool, float]], step: float) -> None:
+def test_limits_are_never_exceeded(values: Mapping[str, Any], profile: Profile, step: float) -> None:
     core = new_core(values)
     time = 0.0
     for command, load, enable, supply in profile:
@@ -113,20 +114,19 @@ def test_limits_hold(values: Mapping[str, Any], profile: list[tuple[float, float
 
 @st.composite
 def parameter_sets(draw: st.DrawFn) -> dict[str, float]:
-    """A few parameters, moved anywhere their limits allow."""
+    """Return up to four parameters with any values within their limits."""
     names = draw(st.lists(st.sampled_from([v for v in PARAMETERS if v.kind == "Real"]), max_size=4, unique=True))
     return {v.name: draw(st.floats(v.minimum, v.maximum)) for v in names}
 
 
 @settings(COMMON, max_examples=75)
 @given(changes=parameter_sets(), profile=profiles)
-def test_never_non_finite(values: Mapping[str, Any], changes: dict[str, float],
-                          profile: list[tuple[float, float, bool, float]]) -> None:
+def test_outputs_are_always_finite(values: Mapping[str, Any], changes: dict[str, float], profile: Profile) -> None:
     case = {**values, **changes}
     limits = [(v.name, v.minimum, v.maximum) for v in PARAMETERS if v.kind != "Boolean"]
     if check_ranges(case, limits) or check_combinations(case, ACTUATOR):
         return
-    # Few ticks, whatever the sample time.
+    # A few ticks for any sample time.
     size = min(case["solver.max_tick"], case["controller.sample_time"]) * 4.0
     core = new_core(case)
     for k, (command, load, enable, supply) in enumerate(profile):
@@ -135,8 +135,7 @@ def test_never_non_finite(values: Mapping[str, Any], changes: dict[str, float],
         assert all(isfinite(x) for x in core.outputs(inputs))
 
 
-def test_exact_stick(values: Mapping[str, Any]) -> None:
-    """A load below breakaway does not move the fin by a single bit, however long."""
+def test_load_below_breakaway_does_not_move_the_fin_by_a_bit(values: Mapping[str, Any]) -> None:
     case = {**values, "drive.current_offset": 0.0}
     result = simulate(case, 0.5, step=5e-3, aero_torque=lambda t: 10.0 * (1.0 if t < 0.2 else -1.0), enable=False)
     assert set(result["fin_angle"]) == {0.0}
@@ -144,7 +143,7 @@ def test_exact_stick(values: Mapping[str, Any]) -> None:
     assert abs(moved["fin_angle"][-1]) > radians(1.0)
 
 
-def test_rests_at_an_inelastic_stop_and_leaves_it(values: Mapping[str, Any]) -> None:
+def test_fin_rests_at_a_stop_and_leaves_it(values: Mapping[str, Any]) -> None:
     result = simulate(values, 0.6, aero_torque=lambda t: 200.0 if t < 0.3 else -200.0, enable=False)
     stop = values["fin.stop_angle"]
     resting = result["at_stop"] > 0.0

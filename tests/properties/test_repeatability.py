@@ -1,4 +1,4 @@
-"""An actuator at rest responds like a fresh one, after any commands before."""
+"""After any use and a rest, an actuator responds like a new one."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from emcas_fmu.actuators import EXTENSIONS, NONLINEAR, get
 from emcas_fmu.bench.metrics import sustained_rate
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
+from tests.default_actuator import EVERY
 from tests.marks import slow
-
-from ..default_actuator import EVERY
 
 Columns = dict[str, NDArray[Any]]
 
 STEP = 1e-3  # s
-PHASE = np.arange(1000) * STEP  # s, of a history
-HOMING = 7000  # rows after which a unit that homes has done so
-REST = np.zeros(4000)  # rad: four times the integral's time constant, kp/ki
+PHASE = np.arange(1000) * STEP  # s: one second of use
+HOMING = 7000  # rows after which homing has ended
+REST = np.zeros(4000)  # rad: 4 s, 16 times the time constant kp/ki of the position integral
 PROBE = np.radians(np.repeat([0.0, -20.0, 20.0, 1.0, 0.0], [50, 650, 700, 600, 600]))
-# deg. Dry friction lets a unit rest with an integral within the breakaway, and with any phase of the encoder and of the
-# backlash: 0.04 deg measured in fast motion without backlash, 0.07 deg with. An integral that drifts gives degrees.
-REPEATED = 0.1
-# The velocity integral, too, rests anywhere within the breakaway of 0.23 V: (0.23 V)/(Kp_vel Kp_pos) is 0.1 deg of the
-# fin, from one side of it to the other twice that, beside the position integral's.
-REPEATED_BESIDE_VELOCITY_INTEGRAL = 0.3
+# deg. Because of dry friction the integral at rest has any value within the breakaway; encoder and backlash have any
+# phase. Measured in fast motion: 0.04 deg without backlash, 0.07 deg with. An integral that drifts gives degrees.
+REPEATABILITY = 0.1
+# The velocity integral at rest, too, has any value within the breakaway of 0.23 V: (0.23 V)/(Kp_vel Kp_pos) is 0.1 deg
+# of the fin to either side, in addition to the position integral's.
+WITH_VELOCITY_INTEGRAL = 0.3
 _ONE_SIDED = np.radians(np.interp(PHASE % 0.5, [0.0, 0.15, 0.15, 0.35, 0.5], [20.0, 20.0, 20.0, 0.0, 0.0]))
-# Inputs of a second of use each, of those that an actuator has; `supply` is a share of the start value.
+# Inputs over one second of use each. Inputs that an actuator does not have are left out; `supply` is a share of its
+# start value.
 HISTORIES: Mapping[str, Columns] = {
     "one-sided cycles": {"fin_command": _ONE_SIDED},
     "cycles to the other side": {"fin_command": -_ONE_SIDED},
@@ -48,7 +48,7 @@ HISTORIES: Mapping[str, Columns] = {
                    "aero_torque": -200.0 * np.sign(np.sin(2.0 * np.pi * 1.3 * PHASE))},
 }
 histories = st.lists(st.sampled_from(sorted(HISTORIES)), min_size=1, max_size=6)
-# Every choice of the controllers, each next to the shipped ones.
+# Changes of the shipped controllers, one option at a time.
 OPTIONS: Mapping[str, Mapping[str, Any]] = {
     "load observer": {"controller.load_observer": 100.0},
     "P position": {"controller.position.ki": 0.0, "controller.position.setpoint_weight": 1.0},
@@ -68,7 +68,7 @@ EXTENDED = slow(*(f"nonlinear+{name}" for name in EXTENSIONS), "elastic+heat+hom
 
 
 def response(model: str, values: Mapping[str, Any], use: Sequence[str]) -> Columns:
-    """Run a history, phases of a second one after the other, then a rest, then the probe; return what follows use."""
+    """Simulate seconds of use one after the other, a rest and the probe; return the outputs during the probe."""
     names = {v.name: v for v in get(model).inputs}
     supply = next((name for name in ("supply_voltage", "supply_pressure") if name in names), "")
     start = HOMING if "home" in names else 0
@@ -78,58 +78,56 @@ def response(model: str, values: Mapping[str, Any], use: Sequence[str]) -> Colum
     for k, phase in enumerate(use):
         rows = slice(start + k * len(PHASE), start + (k + 1) * len(PHASE))
         for name, column in HISTORIES[phase].items():
-            known = supply if name == "supply" else name
-            if known in names:
-                initial = float(names[known].initial(values))
-                whole = inputs.setdefault(known, np.full(len(inputs["fin_command"]), initial))
+            name_here = supply if name == "supply" else name
+            if name_here in names:
+                initial = float(names[name_here].initial(values))
+                whole = inputs.setdefault(name_here, np.full(len(inputs["fin_command"]), initial))
                 whole[rows] = column * initial if name == "supply" else column
     run = simulate(values, (len(inputs["fin_command"]) - 1) * STEP, STEP, model=model, **inputs)
     return {name: column[-len(PROBE):] for name, column in run.items()}
 
 
-def compare(model: str, values: Mapping[str, Any], use: Sequence[str], tolerance: float = REPEATED) -> None:
+def check_repeatability(model: str, values: Mapping[str, Any], use: Sequence[str], tolerance: float = REPEATABILITY
+                        ) -> None:
     fresh, used = (response(model, values, history) for history in ((), use))
-    differing = np.degrees(np.max(np.abs(used["fin_angle"] - fresh["fin_angle"])))
-    assert differing < tolerance, f"{model} after {', '.join(use)}: {differing:.3f} deg"
+    difference = np.degrees(np.max(np.abs(used["fin_angle"] - fresh["fin_angle"])))
+    assert difference < tolerance, f"{model} after {', '.join(use)}: {difference:.3f} deg"
 
 
 @settings(derandomize=True, max_examples=6)
 @given(use=histories)
-def test_use_leaves_nothing_behind(values: Mapping[str, Any], use: list[str]) -> None:
-    compare(NONLINEAR, values, use)
+def test_default_actuator_is_repeatable_after_any_use(values: Mapping[str, Any], use: list[str]) -> None:
+    check_repeatability(NONLINEAR, values, use)
 
 
 @pytest.mark.parametrize("option", OPTIONS)
-def test_no_choice_of_the_controllers_remembers_use(option: str) -> None:
+def test_every_controller_option_is_repeatable(option: str) -> None:
     values = load_parameters().with_values(OPTIONS[option]).values
-    beside = values["controller.velocity.ki"] > 0.0
-    compare(NONLINEAR, values, list(HISTORIES), REPEATED_BESIDE_VELOCITY_INTEGRAL if beside else REPEATED)
+    tolerance = WITH_VELOCITY_INTEGRAL if values["controller.velocity.ki"] > 0.0 else REPEATABILITY
+    check_repeatability(NONLINEAR, values, list(HISTORIES), tolerance)
 
 
-def test_a_generated_motion_remembers_no_use() -> None:
+def test_trajectory_generator_is_repeatable() -> None:
     chosen = load_parameters("two-degrees-of-freedom")
-    compare(chosen.model, chosen.values, list(HISTORIES))
+    check_repeatability(chosen.model, chosen.values, list(HISTORIES))
 
 
 @pytest.mark.parametrize("bandwidth", [150.0, 800.0])
-def test_filters_remember_no_use(bandwidth: float) -> None:
+def test_filters_are_repeatable(bandwidth: float) -> None:
     model = "nonlinear+filters"
     values = load_parameters(model=model).with_values({
         "filters.speed_bandwidth": bandwidth, "filters.notch_frequency": 380.0, "filters.notch_zero_damping": 0.05,
         "filters.notch_pole_damping": 0.2}).values
-    compare(model, values, list(HISTORIES))
+    check_repeatability(model, values, list(HISTORIES))
 
 
 @pytest.mark.parametrize("model", EVERY + EXTENDED)
-def test_no_actuator_remembers_use(model: str) -> None:
-    compare(model, load_parameters(model=model).values, list(HISTORIES))
+def test_every_actuator_is_repeatable(model: str) -> None:
+    check_repeatability(model, load_parameters(model=model).values, list(HISTORIES))
 
 
-def test_cycles_to_one_side_cost_no_rate(values: Mapping[str, Any]) -> None:
-    """The slew from -20 to 20 deg against 100 N.m, after eighty cycles to one side: each once took a part of its rate.
-
-    Within the breakaway's share of the speed reference, 1.4 of 300 rad/s.
-    """
+def test_cycles_to_one_side_do_not_reduce_the_slew_rate(values: Mapping[str, Any]) -> None:
+    """Slew from -20 to 20 deg against 100 N.m after 80 cycles to one side; an integral that drifts reduces its rate."""
     def rate(cycles: int) -> float:
         used = np.tile(_ONE_SIDED, cycles // 2)
         command = np.concatenate([used, np.radians(np.repeat([-20.0, 20.0], [1000, 801]))])
@@ -137,4 +135,5 @@ def test_cycles_to_one_side_cost_no_rate(values: Mapping[str, Any]) -> None:
         run = simulate(values, (len(command) - 1) * STEP, STEP, fin_command=command, aero_torque=load)
         return degrees(sustained_rate(run["time"], run["fin_angle"], (len(command) - 801) * STEP, np.radians(20.0)))
 
+    # Breakaway changes the speed reference of 300 rad/s by up to 1.4 rad/s.
     assert abs(rate(80) / rate(0) - 1.0) < 1.4 / 300.0

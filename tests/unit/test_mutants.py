@@ -1,4 +1,4 @@
-"""The tool that changes signs, operators and constants (`tests/mutants.py`), on a file of one of each."""
+"""The tool `tests/mutants.py` changes every sign, operator and constant of a file, and restores the file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ C_CHANGED = {"x[2] <= 0.5 && *x) *x += 2.0 - g", "x[1] > 0.5 && *x) *x += 2.0 - 
              "x[1] <= 0.5 && *x) *x += 2.0 + g"}
 
 
-def test_each_change_is_made_and_put_back(tmp_path: Path) -> None:
+def test_each_change_of_python_is_made_and_undone(tmp_path: Path) -> None:
     (tmp_path / "f.py").write_text(SOURCE, encoding="utf-8")
     found = set()
     for mutant in mutants(["f.py"], tmp_path):
@@ -38,14 +38,14 @@ def test_each_change_is_made_and_put_back(tmp_path: Path) -> None:
     assert found == CHANGED
 
 
-def test_each_change_of_c(tmp_path: Path) -> None:
+def test_each_change_of_c_is_made(tmp_path: Path) -> None:
     (tmp_path / "f.h").write_text(C, encoding="utf-8")
     lines = [(C[:mutant.begin] + mutant.new + C[mutant.end:]).splitlines() for mutant in mutants(["."], tmp_path, True)]
     assert {line.split("if (")[1].split("(")[0] for _, _, line in lines} == C_CHANGED
 
 
-def test_the_quick_check_leaves_out_what_there_is() -> None:
-    """A name that is misspelt, or has changed, would leave nothing out, and nobody would know."""
+def test_every_name_in_the_quick_check_exists() -> None:
+    """Pytest ignores a wrong name of an excluded test: the test would run again without notice."""
     for line in (ROOT / "tests/quick.txt").read_text(encoding="utf-8").splitlines():
         path, _, test = line.removeprefix("--ignore=").removeprefix("--deselect=").partition("::")
         if "tests/" in path:
@@ -54,7 +54,7 @@ def test_the_quick_check_leaves_out_what_there_is() -> None:
             assert (f"def {name}(" if test else "True") in text, line
 
 
-def test_a_mutant_of_the_package_is_another_program() -> None:
+def test_mutant_of_the_package_is_another_program() -> None:
     for mutant in mutants(["emcas_fmu/physics", "emcas_fmu/runtime/schedule.py"])[::40]:
         text = (ROOT / mutant.file).read_bytes()
         changed = ast.parse(text[:mutant.begin] + mutant.new.encode() + text[mutant.end:])
