@@ -241,7 +241,8 @@ def main() -> int:
         for mutant, (verdict, change) in zip(chosen, pool.map(partial(try_mutant, trees=trees), chosen)):
             verdicts[verdict] += 1
             print(f"{verdict:9} {mutant.file}:{mutant.line}  {change}", flush=True)
-    print(f"{verdicts['killed']} of {len(chosen)} killed, {verdicts['no effect']} without effect, {verdicts['ALIVE']} alive")
+    print(f"{verdicts['killed']} of {len(chosen)} killed, {verdicts['no effect']} without effect, "
+          f"{verdicts['ALIVE']} alive")
     return 0 if verdicts["killed"] >= ENOUGH * (verdicts["killed"] + verdicts["ALIVE"]) else 1
 
 

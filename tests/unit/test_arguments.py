@@ -1,4 +1,4 @@
-"""Wrong arguments of the Python interface: an EmcasError of one line that names the argument, for any value."""
+"""Any wrong argument of the Python interface gives an EmcasError of one line that names the argument."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ NASTY: tuple[Any, ...] = (
     None, True, -1, 0, 1.5, 10**400, float("nan"), float("inf"), 1e308, 5e-324, 1j, "", "x", "10 deg", "a\0b", "\ud800",
     "x" * 5000, b"x", [], {}, (), [1.0, [2.0]], [None], {"x": None}, {1: 2}, object(), lambda *_: 0, Path("nowhere"),
     Path("a\0b"), np.zeros((2, 3)), np.zeros(0), np.array("x"), np.array(None), np.float64("nan"))
-LONGEST = 20.0  # s of a call: a reference case or a build takes 2 s alone here, and others may run beside it
+LONGEST = 20.0  # s, for a call: a reference case or a build takes 2 s on an idle machine
 
-# Sound arguments, of which one at a time is replaced; where there is more than one way, the quick one.
+# Valid arguments, one of which at a time is replaced; chosen for short runs.
 SOUND: dict[str, dict[str, Any]] = {
     "simulate": {"parameters": BASE, "stop": 0.01, "step": 1e-3, "kernel": "python", "fin_command": 0.1},
     "simulate excitation": {"parameters": BASE, "excitation": STEP, "kernel": "python"},
@@ -75,7 +75,7 @@ OBJECTS: dict[str, Any] = {"Response": RESPONSE, "ParameterSet": BASE, "Excitati
 
 
 def _public() -> dict[str, Callable[..., Any]]:
-    """Return the functions, classes and methods of the interface by name; the excitations with what returns one."""
+    """Return the interface's functions, classes and methods by name, including functions that return an excitation."""
     found: dict[str, Callable[..., Any]] = {"excitations.times": excitations.times}
     for name in emcas_fmu.__all__:
         each = getattr(emcas_fmu, name)
@@ -92,36 +92,36 @@ def _public() -> dict[str, Callable[..., Any]]:
 
 
 PUBLIC = _public()
-# Errors are caught, not made; the result of a validation is made by validate() and has no method with an argument.
-FREE = {"EmcasError", "ParameterError", "Validation"}
+# Users catch errors, and get a Validation from validate(); its methods have no argument.
+UNTESTED = {"EmcasError", "ParameterError", "Validation"}
 
 
-def test_all_are_listed() -> None:
-    assert {name.partition(" ")[0] for name in SOUND} == set(PUBLIC) - FREE
+def test_every_public_function_is_tested() -> None:
+    assert {name.partition(" ")[0] for name in SOUND} == set(PUBLIC) - UNTESTED
     assert not any(inspect.signature(each).parameters.keys() - {"self"}
                    for name, each in PUBLIC.items() if name.startswith("Validation."))
 
 
 def _call(name: str, arguments: dict[str, Any]) -> Any:
-    of, _, _ = name.partition(".")
+    owner, _, _ = name.partition(".")
     function = PUBLIC[name.partition(" ")[0]]
     if name == "Batch.run":
         return Batch(BASE, 2).run(**arguments)
     if name == "ParameterSet.with_values":
         return BASE.with_values(arguments)
-    return function(OBJECTS[of], **arguments) if "." in name and of in OBJECTS else function(**arguments)
+    return function(OBJECTS[owner], **arguments) if "." in name and owner in OBJECTS else function(**arguments)
 
 
 @pytest.mark.kernel("nonlinear")
 @pytest.mark.parametrize("name", others_slow(SOUND, lambda name: name not in ("analyse", "build", "simulate fins")))
-@pytest.mark.filterwarnings("ignore::RuntimeWarning", "ignore::UserWarning")  # where 1e308 overflows, and is clipped
-def test_nasty_arguments(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An argument that is anything at all gives a result or an EmcasError of one line, in bounded time."""
+@pytest.mark.filterwarnings("ignore::RuntimeWarning", "ignore::UserWarning")  # 1e308 overflows and is clipped
+def test_any_argument_gives_a_result_or_one_line(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every call ends within bounded time, with a result or an EmcasError."""
     monkeypatch.chdir(tmp_path)
     parameters = inspect.signature(PUBLIC[name.partition(" ")[0]]).parameters
     varied = (parameters.keys() | SOUND[name].keys()) - {"self", "inputs", "more", "overrides"}
     wrong = []
-    with patch.object(optimise, "tune", lambda *_: None):  # the search takes minutes
+    with patch.object(optimise, "tune", lambda *_: None):  # the optimisation takes minutes
         for argument in sorted(varied):
             for nasty in (*NASTY, iter([object()])):
                 begun = perf_counter()
