@@ -1,4 +1,4 @@
-"""Two bodies at rest with four dry frictions: in which directions they start, under torques all round."""
+"""The directions in which two bodies with four dry frictions start from rest."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics.coupled import Bodies, Dry, directions
 
 
-def test_starts_from_rest_mirror_and_miss_no_direction() -> None:
-    """Torques and frictions the other way round start the other way; beyond all friction something always slides.
+def test_directions_are_mirrored_and_complete() -> None:
+    """Reversed torques reverse the directions; torques above all friction always move a body.
 
-    Each of the eight orders of the two speeds and their signs occurs.
+    All eight combinations of the two speeds' signs and order occur.
     """
     draw, patterns = random.Random(3), set()
     for _ in range(600):

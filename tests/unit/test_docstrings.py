@@ -1,4 +1,4 @@
-"""Every public function, class and method of the package has a docstring, or overrides one that has."""
+"""Every public function, class and method of the package has a docstring, or overrides one with a docstring."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Public = ast.FunctionDef | ast.ClassDef
 
 @cache
 def trees() -> dict[str, ast.Module]:
-    """Return the files of the package, parsed: not when tests are collected, which every worker does."""
+    """Return the parsed files of the package; not at import, since every worker collects the tests."""
     folder = Path(emcas_fmu.__file__).parent
     return {file.relative_to(folder).as_posix(): ast.parse(file.read_text(encoding="utf-8"))
             for file in folder.rglob("*.py")}
@@ -24,12 +24,12 @@ def trees() -> dict[str, ast.Module]:
 
 @cache
 def classes() -> dict[str, list[ast.ClassDef]]:
-    """Return the package's classes by name; some have the same."""
-    found: dict[str, list[ast.ClassDef]] = defaultdict(list)
+    """Return the package's classes by name; several may have the same name."""
+    by_name: dict[str, list[ast.ClassDef]] = defaultdict(list)
     for node in chain.from_iterable(map(ast.walk, trees().values())):
         if isinstance(node, ast.ClassDef):
-            found[node.name].append(node)
-    return dict(found)
+            by_name[node.name].append(node)
+    return dict(by_name)
 
 
 @cache
@@ -44,7 +44,7 @@ def public(body: list[ast.stmt]) -> Iterator[Public]:
 
 
 def overrides(method: Public, owner: ast.ClassDef) -> bool:
-    """Whether a base class has the method; one from another library does."""
+    """Return whether a base class has the method; a class of another library is assumed to have it."""
     for base in (ast.unparse(base).partition("[")[0].rpartition(".")[2] for base in owner.bases):
         if base not in classes() and base not in ("ABC", "NamedTuple", "Protocol"):
             return True
@@ -54,23 +54,22 @@ def overrides(method: Public, owner: ast.ClassDef) -> bool:
     return False
 
 
-def bare(body: list[ast.stmt], owner: ast.ClassDef | None = None) -> Iterator[str]:
-    """Yield the names without a docstring, but those of operations and rules, whose message is their docstring."""
+def undocumented(body: list[ast.stmt], owner: ast.ClassDef | None = None) -> Iterator[str]:
+    """Yield names without a docstring. Operations need none, and the message of a rule is its docstring."""
     for node in public(body):
         decorators = [ast.unparse(each) for each in node.decorator_list]
-        rules = any(each.startswith("rule(") or each.endswith(".setter") for each in decorators)
-        if not (rules or ast.get_docstring(node) or (owner and (node.name in operations() or overrides(node, owner)))):
+        rule = any(each.startswith("rule(") or each.endswith(".setter") for each in decorators)
+        if not (rule or ast.get_docstring(node) or (owner and (node.name in operations() or overrides(node, owner)))):
             yield node.name
         if isinstance(node, ast.ClassDef):
-            yield from (f"{node.name}.{name}" for name in bare(node.body, node))
+            yield from (f"{node.name}.{name}" for name in undocumented(node.body, node))
 
 
 def test_everything_public_has_a_docstring() -> None:
-    assert list(chain.from_iterable((f"{file}: {name}" for name in bare(tree.body))
-                                    for file, tree in trees().items())) == []
+    assert [f"{file}: {name}" for file, tree in trees().items() for name in undocumented(tree.body)] == []
 
 
-def test_a_missing_one_is_found() -> None:
+def test_missing_docstring_is_found() -> None:
     source = ('class A:\n    """A."""\n    def f(self): ...\nclass B(ABC):\n    """B."""\n    def g(self): ...\n'
               "def h(): ...")
-    assert list(bare(ast.parse(source).body)) == ["A.f", "B.g", "h"]
+    assert list(undocumented(ast.parse(source).body)) == ["A.f", "B.g", "h"]

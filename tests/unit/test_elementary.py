@@ -1,4 +1,4 @@
-"""Elementary functions: error in ulp against decimals of 45 digits, ends, traps, Python and C to the bit."""
+"""Elementary functions: errors in ulp against decimals of 45 digits, special values, and the same bits in C."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Function = Callable[[float], float]
 Range = tuple[float, float]
 _DIGITS = Context(prec=45)
 _PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494459230781640628620899862803482534211707")
-# By function: ranges with the most that it may be off there [ulp], as its docstring says.
+# Ranges of each function, with the maximum error [ulp] that its docstring states.
 BOUNDS: dict[str, dict[Range, float]] = {
     "exp": {(-708.0, 709.78): 1.1, (-1.0, 1.0): 1.1}, "log": {(2.0**-1022, 1.7e308): 1.0, (0.5, 2.0): 1.0},
     "sin": {(-1.6, 1.6): 1.6, (-1e3, 1e3): 1.6, (-1e6, 1e6): 2.5},
@@ -38,8 +38,8 @@ POINTS = 700
 
 
 def _sine_cosine(x: Decimal) -> tuple[Decimal, Decimal]:
-    """Return sine and cosine by their series."""
-    with localcontext(Context(prec=70)):  # of a million radians 6 digits go
+    """Return sine and cosine, computed as series."""
+    with localcontext(Context(prec=70)):  # a million radians cost 6 digits
         r = x.remainder_near(_PI / 2)
         quarter = int(((x - r) / (_PI / 2)).to_integral_value()) % 4
         term, sums = Decimal(1), [Decimal(0), Decimal(0)]
@@ -51,11 +51,11 @@ def _sine_cosine(x: Decimal) -> tuple[Decimal, Decimal]:
 
 
 def _atan(x: Decimal) -> Decimal:
-    """Return the angle of a tangent: a double's next to it, and the small angle that is left."""
+    """Return the arc tangent: that of floating-point numbers, and a small correction."""
     near = Decimal(math.atan(x))
     sine, cosine = _sine_cosine(near)
-    left = (x * cosine - sine) / (cosine + x * sine)
-    return near + left - left**3 / 3
+    rest = (x * cosine - sine) / (cosine + x * sine)
+    return near + rest - rest**3 / 3
 
 
 EXACT: dict[str, Callable[[Decimal], Decimal]] = {
@@ -63,8 +63,8 @@ EXACT: dict[str, Callable[[Decimal], Decimal]] = {
     "cos": lambda x: _sine_cosine(x)[1], "tan": lambda x: _sine_cosine(x)[0] / _sine_cosine(x)[1], "atan": _atan}
 
 
-def _off(name: str, x: float) -> float:
-    """Return what a function is off [ulp], beyond what its argument's reduction may leave: 1e-32 of an angle."""
+def _error(name: str, x: float) -> float:
+    """Return the error of a function [ulp], less the permitted error of the angle's reduction, 1e-32 of the angle."""
     with localcontext(_DIGITS):
         exact = EXACT[name](Decimal(x))
         allowed = Decimal(abs(x)) * Decimal("1e-32") if name in ("sin", "cos", "tan") else Decimal(0)
@@ -73,7 +73,7 @@ def _off(name: str, x: float) -> float:
 
 
 def _points(limits: Range, seed: int = 5) -> Any:
-    """Return points over a range, evenly or, where it spans many orders of magnitude, evenly by order."""
+    """Return random points of a range; with many orders of magnitude, the logarithms have equal density."""
     random, (low, high) = np.random.default_rng(seed), limits
     if high < 1e7:
         return random.uniform(low, high, POINTS)
@@ -86,27 +86,27 @@ CASES = [(name, limits, bound) for name, ranges in BOUNDS.items() for limits, bo
 
 
 @pytest.mark.parametrize(("name", "limits", "bound"), CASES)
-def test_error(name: str, limits: Range, bound: float) -> None:
-    assert max(_off(name, float(x)) for x in _points(limits)) <= bound
+def test_error_is_within_its_bound(name: str, limits: Range, bound: float) -> None:
+    assert max(_error(name, float(x)) for x in _points(limits)) <= bound
 
 
 @pytest.mark.parametrize("name", elementary.NAMES)
 @given(data=st.data())
-def test_error_anywhere(name: str, data: st.DataObject) -> None:
+def test_error_at_any_argument_is_within_its_bound(name: str, data: st.DataObject) -> None:
     for (low, high), bound in BOUNDS[name].items():
-        assert _off(name, data.draw(st.floats(low, high))) <= bound
+        assert _error(name, data.draw(st.floats(low, high))) <= bound
 
 
 @pytest.mark.parametrize("k", [1, 2, 3, 5, 17, 1000, 636_619])
 @pytest.mark.parametrize("name", ["sin", "cos", "tan"])
-def test_next_to_whole_quarters(name: str, k: int) -> None:
-    """Where nearly all digits cancel: the doubles at and around k pi/2."""
-    at = k * pi / 2.0
-    for x in (at, math.nextafter(at, 0.0), math.nextafter(at, inf), -at):
-        assert _off(name, x) <= 4.0
+def test_error_near_multiples_of_a_quarter_turn(name: str, k: int) -> None:
+    """The numbers at and beside k pi/2, where nearly all digits cancel."""
+    angle = k * pi / 2.0
+    for x in (angle, math.nextafter(angle, 0.0), math.nextafter(angle, inf), -angle):
+        assert _error(name, x) <= 4.0
 
 
-def test_ends() -> None:
+def test_values_at_the_ends_of_ranges() -> None:
     assert [FLOATS.exp(x) for x in (-inf, -1e300, -708.1, 0.0, 709.79, 1e300, inf)] == [0.0] * 3 + [1.0] + [inf] * 3
     assert 0.0 < FLOATS.exp(-708.0) < FLOATS.exp(709.78) < inf
     assert [FLOATS.log(x) for x in (0.0, 1.0, inf)] == [-inf, 0.0, inf]
@@ -116,26 +116,26 @@ def test_ends() -> None:
 
 
 @pytest.mark.parametrize(("name", "x"), [*((name, nan) for name in elementary.NAMES), ("log", -1.0), ("log", -inf)])
-def test_no_number(name: str, x: float) -> None:
+def test_undefined_arguments_give_nan(name: str, x: float) -> None:
     assert math.isnan(getattr(FLOATS, name)(x))
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_sine_and_cosine_never_exceed_one(x: float) -> None:
-    """Not even of angles far beyond the range in which they are exact."""
+    """Also for angles far beyond the range in which they are exact."""
     assert abs(FLOATS.sin(x)) <= 1.0 >= abs(FLOATS.cos(x))
 
 
 @given(st.floats(-700.0, 700.0), st.floats(1e-300, 1e300), st.floats(-1.5, 1.5))
-def test_against_each_other(x: float, y: float, angle: float) -> None:
-    """A few roundings of each, 1e-15, where the other one's slope enlarges them."""
+def test_inverse_functions_agree(x: float, y: float, angle: float) -> None:
+    """A few roundings, 1e-15, are amplified by the slope of the other function."""
     assert FLOATS.log(FLOATS.exp(x)) == pytest.approx(x, rel=1e-15, abs=1e-15)
     assert FLOATS.exp(FLOATS.log(y)) == pytest.approx(y, rel=1e-15 * (1.0 + abs(FLOATS.log(y))))
     assert FLOATS.atan(FLOATS.tan(angle)) == pytest.approx(angle, rel=3e-15)
 
 
 class _Lanes(ArrayOps):
-    """Both values of every choice are computed."""
+    """Arrays, for which both values of every choice are computed."""
 
     @staticmethod
     def power_of_two(k: Any) -> Any:
@@ -151,14 +151,14 @@ ORDINARY: Mapping[str, Any] = {
 
 
 @pytest.mark.parametrize("name", elementary.NAMES)
-def test_nothing_traps_that_is_not_chosen(name: str) -> None:
+def test_values_that_are_not_chosen_raise_no_exception(name: str) -> None:
     with np.errstate(divide="raise", invalid="raise", over="raise"):
         lanes = getattr(elementary, name)(_Lanes(), ORDINARY[name])
     assert [float(x).hex() for x in lanes] == [getattr(FLOATS, name)(float(x)).hex() for x in ORDINARY[name]]
 
 
 def _printed(name: str) -> Function:
-    """Return a function as the Python kernel has it."""
+    """Return a function as generated for the Python kernel."""
     tracer = Tracer()
     tracer.function("f", ("value",), lambda value: (getattr(tracer, name)(value),))
     space: dict[str, Any] = {}
@@ -186,12 +186,12 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> ct.CDLL:
 
 
 @pytest.mark.parametrize("name", elementary.NAMES)
-def test_c_and_python_to_the_bit(name: str, library: ct.CDLL) -> None:
+def test_c_and_python_agree_to_the_bit(name: str, library: ct.CDLL) -> None:
     function, python = getattr(library, f"own_{name}"), _printed(name)
     function.restype, function.argtypes = ct.c_double, [ct.c_double]
     library.raised()
     ordinary = [function(x) for x in ORDINARY[name]]
-    assert not library.raised()  # not even by log of 0 and -1
+    assert not library.raised()  # also not by log of 0 and -1
     assert [y.hex() for y in ordinary] == [python(float(x)).hex() for x in ORDINARY[name]]
     ends = [inf, -inf, nan, 1e300, -1e300, 5e-324, -0.0, 800.0]
     assert [function(x).hex() for x in ends] == [python(x).hex() for x in ends]

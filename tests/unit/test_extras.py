@@ -1,4 +1,4 @@
-"""The commands where only the package's base is installed: what needs an extra says so, all else works."""
+"""Without the optional packages, commands that need an extra name it, and all others work."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ BASE = ("parameters", "build", "envelope --plot e.svg --json e.json -o e.csv", "
 
 
 def without(modules: list[str], command: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run a command in a process in which these modules cannot be imported."""
+    """Run a command in a process that cannot import some modules."""
     program = (f"import sys; sys.modules.update(dict.fromkeys({modules!r})); from emcas_fmu.cli import app; "
                "app(prog_name='emcas')")
     return subprocess.run([sys.executable, "-c", program, *command.split()], cwd=folder, capture_output=True, text=True)
@@ -35,7 +35,7 @@ def without(modules: list[str], command: str, folder: Path) -> subprocess.Comple
 @pytest.mark.parametrize(("command", "extra", "module"), others_slow(
     [(command, extra, module) for command, extra in NEEDED.items() for module in EXTRAS[extra]],
     lambda case: case[::2] in (("analyse", "control"),)))
-def test_a_missing_extra_is_named(command: str, extra: str, module: str, tmp_path: Path) -> None:
+def test_missing_extra_is_named(command: str, extra: str, module: str, tmp_path: Path) -> None:
     done = without([module], command, tmp_path)
     assert done.returncode == 2, done.stderr
     (line,) = done.stderr.strip().splitlines()
@@ -44,24 +44,22 @@ def test_a_missing_extra_is_named(command: str, extra: str, module: str, tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("raised", "said"), [
+@pytest.mark.parametrize(("error", "message"), [
     ('ImportError("libarrow.so: failed to map segment:\\nCannot allocate memory")', "segment: Cannot allocate memory"),
     ("MemoryError()", "there is not enough memory"), ('OSError(12, "Cannot allocate memory")', "allocate memory")])
-def test_a_package_that_cannot_be_loaded_is_not_called_missing(raised: str, said: str, tmp_path: Path,
-                                                               monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "heavy_package.py").write_text(f"raise {raised}\n")
+def test_broken_package_is_not_called_missing(error: str, message: str, tmp_path: Path,
+                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "heavy_package.py").write_text(f"raise {error}\n")
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(EmcasError) as error:
+    with pytest.raises(EmcasError, match=rf"heavy_package, which is installed but cannot be loaded: .*{message}") as raised:
         extras.require("campaign", "campaigns need", "heavy_package")
-    assert "heavy_package, which is installed but cannot be loaded: " in str(error.value)
-    assert said in str(error.value)
-    assert "pip install" not in str(error.value)
-    assert "\n" not in str(error.value)
+    assert "pip install" not in str(raised.value)
+    assert "\n" not in str(raised.value)
 
 
 @pytest.mark.slow
-def test_the_base_is_enough(tmp_path: Path) -> None:
-    """All in one process, whose start takes longer than most of them."""
+def test_other_commands_need_no_extra(tmp_path: Path) -> None:
+    """All run in one process, whose start takes longer than most commands."""
     program = (f"import sys; sys.modules.update(dict.fromkeys({EVERY!r})); from typer.testing import CliRunner; "
                f"from emcas_fmu.cli import app; runs = {{c: CliRunner().invoke(app, c.split()) for c in {BASE!r}}}; "
                "sys.exit('\\n'.join(f'{c}: {run.output}' for c, run in runs.items() if run.exit_code) or 0)")

@@ -1,4 +1,4 @@
-"""Help, version and messages of the command line: at once, in words, without types or negative zeros."""
+"""Help, version, numbers and messages of the command line."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from emcas_fmu.pages.numbers import number, rounded
 from emcas_fmu.runtime import library
 from emcas_fmu.runtime.compiler import PLATFORMS
 from emcas_fmu.support.progress import LOG
+from tests.commands import refusal
 
 HEAVY = ("numpy", "scipy", "matplotlib", "pydantic", "pint", "jinja2", "fmpy", "emcas_fmu.actuators.declaration")
 NAMES = [name for names in PANELS.values() for name in names]
 
 
 @pytest.mark.parametrize("option", ["--help", "--version"])
-def test_help_and_version_import_no_library_that_computes(option: str) -> None:
-    """By the modules loaded, not by the time it takes."""
+def test_help_and_version_import_no_heavy_library(option: str) -> None:
     program = ("import sys\nfrom emcas_fmu.cli import app\ntry:\n    app([sys.argv[1]])\nfinally:\n"
                "    print('loaded', *sorted(sys.modules), file=sys.stderr)\n")
     done = subprocess.run([sys.executable, "-c", program, option], capture_output=True, text=True)
@@ -54,8 +54,8 @@ def test_every_command_is_listed_in_a_panel_by_its_summary() -> None:
             assert summary(name) in shown
 
 
-def test_a_table_shows_units_and_numbers() -> None:
-    """Brackets are no markup, four digits, a dash for what there is not, no name cut short."""
+def test_table_shows_units_and_numbers() -> None:
+    """Brackets are printed, numbers have four digits, None is a dash, and names are complete."""
     with common.out.capture() as shown:
         common.out.print(common.table(["of", ">[deg]"], [["a_name[1]", 1.23456], ["[b]", None]], "Rates [1]"),
                          width=18)
@@ -68,13 +68,13 @@ def test_a_table_shows_units_and_numbers() -> None:
 
 
 def words(command: object, path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
-    """The words of every command, groups and their commands among them."""
-    inside = getattr(command, "commands", {})
-    return [path, *(found for name, each in inside.items() for found in words(each, (*path, name)))]
+    """Return the words of every command, including groups and their commands."""
+    members = getattr(command, "commands", {})
+    return [path, *(inner for name, each in members.items() for inner in words(each, (*path, name)))]
 
 
 @pytest.mark.parametrize("command", words(get_command(app)), ids=" ".join)
-def test_help_shows_what_a_value_means_and_no_type(command: tuple[str, ...]) -> None:
+def test_help_of_every_command_shows_no_types(command: tuple[str, ...]) -> None:
     done = CliRunner(env={"COLUMNS": "200"}).invoke(app, [*command, "--help"])
     assert done.exit_code == 0, done.output
     assert "--help" in done.output
@@ -87,25 +87,23 @@ def test_help_breaks_no_line_within_a_paragraph() -> None:
     assert "no requirement is judged." in paragraph
 
 
-def test_an_unknown_command_is_refused() -> None:
-    refused = CliRunner().invoke(app, ["simulat"])
-    assert refused.exit_code == 2
-    assert "No such command" in refused.output
+def test_unknown_command_is_refused() -> None:
+    assert "No such command" in refusal("simulat")
 
 
 @given(st.floats(-1e5, 1e5), st.sampled_from(["+.4f", ".3g", "#.3g", ".0f", "+.0f"]))
-def test_nothing_has_no_sign(value: float, form: str) -> None:
+def test_zero_is_printed_without_sign(value: float, form: str) -> None:
     text = rounded(value, form)
     assert float(text) == float(format(value, form))
     assert float(text) != 0.0 or text[0] not in "+-"
 
 
-def test_what_is_no_number_is_shown_in_words() -> None:
+def test_missing_numbers_are_shown_as_words_or_dashes() -> None:
     assert [rounded(x, ".3g") for x in (inf, -inf, nan)] == ["–"] * 3
     assert [number(x) for x in (-0.0, -1e-5, inf, nan, None)] == ["0", "-1e-05", "not reached", "–", "–"]
 
 
-def test_a_step_that_does_not_settle_says_for_how_long_it_was_waited_for(tmp_path: Path) -> None:
+def test_step_that_does_not_settle_names_the_waiting_time(tmp_path: Path) -> None:
     page = tmp_path / "step.html"
     done = CliRunner(env={"COLUMNS": "120"}).invoke(app, ["simulate", "--step", "10", "--stop", "0.08", "--model",
                                                           "second-order", "--kernel", "python", "--plot", str(page)])
@@ -120,47 +118,44 @@ def test_a_step_that_does_not_settle_says_for_how_long_it_was_waited_for(tmp_pat
         assert f'<td>{figure}</td><td class="n">not within {waited} s</td>' in text
 
 
-@pytest.mark.parametrize(("code", "said"), [
+@pytest.mark.parametrize(("code", "message"), [
     (errno.EACCES, "x.csv: cannot be written: permission denied; choose another path"),
     (errno.ENOSPC, "x.csv: cannot be written: the disk is full; free some space or choose another path"),
     (errno.EISDIR, "x.csv: cannot be written: it is a folder; choose a file"),
     (errno.ENOENT, "x.csv: cannot be read: there is no such file or folder; check its name"),
     (errno.EIO, "x.csv: cannot be written: Input/output error; choose another path")])
-def test_errors_of_the_system_name_file_and_remedy(code: int, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_system_errors_name_file_and_remedy(code: int, message: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(typer.Exit), common.failures():
         raise OSError(code, "Input/output error", "x.csv")
-    shown = " ".join(capsys.readouterr().err.split())
-    assert shown == f"error: {said}"
+    assert " ".join(capsys.readouterr().err.split()) == f"error: {message}"
 
 
-def test_an_error_without_a_file_is_shown_as_it_is() -> None:
+def test_error_without_a_file_is_shown_unchanged() -> None:
     assert in_words(OSError("no more")) == "no more"
 
 
 @pytest.mark.parametrize("command", ["parameters -p {}", "simulate --input {}", "report --mission {}",
                                      "identify backlash {}", "ssp check {}", "tune {}"])
-def test_inputs_that_cannot_be_read_are_named_with_the_remedy(command: str, tmp_path: Path) -> None:
+def test_unreadable_inputs_are_named_with_the_reason(command: str, tmp_path: Path) -> None:
     binary = tmp_path / "b.toml"
     binary.write_bytes(b"\xb1\x00" * 50)
-    inputs = [(tmp_path, "is a folder"), (tmp_path / "none.toml", "there is no such file")]
-    if not command.startswith("ssp"):  # an archive is no text
-        inputs.append((binary, "is not a text file in UTF-8 (byte 0)"))
-    for path, said in inputs:
-        done = CliRunner().invoke(app, command.format(path).split())
-        shown = done.stderr.replace("\n", "")
-        assert done.exit_code == 2
-        assert f"{path}: cannot be read: it {said}".replace("it there", "there") in shown
-        assert "Errno" not in shown
-        assert "codec" not in shown
+    inputs = [(tmp_path, "it is a folder"), (tmp_path / "none.toml", "there is no such file")]
+    if not command.startswith("ssp"):  # an archive is not a text
+        inputs.append((binary, "it is not a text file in UTF-8 (byte 0)"))
+    for path, reason in inputs:
+        message = refusal(*command.format(path).split())
+        assert f"{path}: cannot be read: {reason}" in message
+        assert "Errno" not in message
+        assert "codec" not in message
 
 
-def test_a_decoding_error_has_its_place() -> None:
+def test_decoding_error_names_the_byte() -> None:
     with pytest.raises(UnicodeDecodeError) as caught:
         b"ab\xff".decode("utf-8")
     assert "(byte 2)" in unreadable("x", caught.value)
 
 
-def test_what_takes_long_is_announced_on_standard_error(capsys: pytest.CaptureFixture[str]) -> None:
+def test_long_computations_are_announced_on_standard_error(capsys: pytest.CaptureFixture[str]) -> None:
     with common.failures():
         LOG.info("compiling the actuator x (once, up to a minute) ...")
     printed = capsys.readouterr()
@@ -178,13 +173,13 @@ def test_progress_shows_the_time_left() -> None:
         assert any(type(column).__name__ == "TimeRemainingColumn" for column in bars.columns)
 
 
-def test_compiling_a_kernel_is_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+def test_compiling_is_announced_before_it_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                          capsys: pytest.CaptureFixture[str]) -> None:
     class Fake:
         version = "fake"
 
-        def library(self, *given: object) -> bytes:
-            assert "compiling the actuator elastic" in capsys.readouterr().err  # before the wait, not after it
+        def library(self, *_: object) -> bytes:
+            assert "compiling the actuator elastic" in capsys.readouterr().err
             return b"library"
 
     monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
@@ -195,7 +190,7 @@ def test_compiling_a_kernel_is_announced(tmp_path: Path, monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize(("measured", "beyond", "shown"), [
     (60.0, True, "> 60"), (2.0, True, "< 2"), (14.325, False, "14.32"), (None, False, "–"), (-0.0, False, "0")])
-def test_the_table_of_verdicts_has_a_bound_for_what_is_not_reached(measured: float | None, beyond: bool, shown: str
-                                                                   ) -> None:
+def test_table_of_verdicts_shows_bounds(measured: float | None, beyond: bool, shown: str) -> None:
+    """A figure beyond the measured range is shown as a bound."""
     table = summary_table("criterion", [Judged("", "x", "X", measured, ">=", 10.0, "Hz", beyond=beyond)])
     assert list(table.columns[1].cells) == [shown]
