@@ -51,7 +51,8 @@ def test_broken_package_is_not_called_missing(error: str, message: str, tmp_path
                                               monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "heavy_package.py").write_text(f"raise {error}\n")
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(EmcasError, match=rf"heavy_package, which is installed but cannot be loaded: .*{message}") as raised:
+    said = rf"heavy_package, which is installed but cannot be loaded: .*{message}"
+    with pytest.raises(EmcasError, match=said) as raised:
         extras.require("campaign", "campaigns need", "heavy_package")
     assert "pip install" not in str(raised.value)
     assert "\n" not in str(raised.value)

@@ -1,4 +1,4 @@
-"""Every physics function over every operations namespace gives the same numbers."""
+"""Every physics function gives the same numbers over floats, arrays, symbols and traced values."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from tests.default_actuator import ACTUATOR, namespace
 
 Function = Callable[..., Any]
 LANES = 40
-# NumPy's vectorised and the C library's scalar functions may differ in the last bits; a step
-# amplifies that by cancellation (angle differences of 1e-3 in values of 1e1).
+# NumPy's and CasADi's elementary functions may differ in the last bits from the package's. A step amplifies this by
+# cancellation (angle differences of 1e-3 between values of 1e1).
 RELATIVE, ABSOLUTE = 1e-10, 1e-11
 
-# Plausible ranges by argument name; anything else is refused below, so no argument goes untested.
+# Plausible ranges by argument name. A function with another argument fails, so that none remains untested.
 RANGES: dict[str, tuple[float, float]] = {
     "angle": (-25.0, 25.0), "motor_angle": (-25.0, 25.0), "motor": (-25.0, 25.0), "speed": (-300.0, 300.0),
     "motor_speed": (-300.0, 300.0), "motor_current": (-40.0, 40.0), "drive_integral": (-1.0, 1.0),
@@ -61,7 +61,7 @@ def _public(module: ModuleType) -> list[Function]:
             if inspect.isfunction(f) and f.__module__ == module.__name__ and not name.startswith("_")]
 
 
-# Functions whose arguments are plain values; the others are reached through these.
+# Functions with arguments other than plain values; the functions of the program call them.
 STRUCTURED = {kinematics.deviates, loads.motion_loads, loads.level, mechanics.breakaway, mechanics.damping,
               rigid.advance, controllers.sample, controllers.feed_forward, *_public(electrical),
               rigid.acceleration, rigid.current_course, rigid.integral_end, rigid.friction_speed,
@@ -69,7 +69,7 @@ STRUCTURED = {kinematics.deviates, loads.motion_loads, loads.level, mechanics.br
               mechanics.bristles, friction.falls, sensors.measure, mechanics.hinge_damping, mechanics.hinge_dry,
               mechanics.hinge_friction, mechanics.with_hinge_friction,
               controllers.at_rest, friction.coulomb_reference, friction.coulomb_polynomial,
-              bus.fall, bus.start, bus.following}  # of the line's parameters: tests/bus
+              bus.fall, bus.start, bus.following}  # of the bus's parameters: tests/bus
 MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, controllers, electrical, rigid)
 
 
@@ -78,7 +78,7 @@ def _arguments(function: Function) -> list[str]:
 
 
 def _plain(function: Function) -> tuple[list[str], Function]:
-    """Return a function of plain values and their names: the loads that it takes as one come last, each by itself."""
+    """Return the argument names and a function of plain values; loads in one argument become the last arguments."""
     names = _arguments(function)
     if "u" not in names:
         return names, function
@@ -92,12 +92,12 @@ def _plain(function: Function) -> tuple[list[str], Function]:
     return [*names, *loads.LOADS], of_values
 
 
-# What is called, with the names of its arguments: functions by themselves, and those that the program is made of.
+# The argument names and functions to call: single functions, and the functions of the program.
 PLAIN = {
     **{f"{f.__module__.rsplit('.', 1)[1]}.{f.__name__}": _plain(f)
        for module in MODULES for f in _public(module) if f not in STRUCTURED},
     **{f"codegen.{name}": (list(names), function) for name, names, function in codegen.functions(ACTUATOR)}}
-# What no parameter of the default actuator is and a function reads.
+# Parameters that functions read and the default actuator does not have.
 FURTHER = {"pwm.gain": 1.5}
 
 
@@ -125,10 +125,10 @@ def _columns(names: Iterable[str], seed: int) -> list[Any]:
     return columns
 
 
-@pytest.mark.parametrize("called", PLAIN)
+@pytest.mark.parametrize("name", PLAIN)
 @pytest.mark.parametrize("kind", ["arrays", "symbols", "traced"])
-def test_every_function_over_every_namespace(called: str, kind: str, values: Mapping[str, Any]) -> None:
-    arguments, function = PLAIN[called]
+def test_every_function_gives_the_same_numbers(name: str, kind: str, values: Mapping[str, Any]) -> None:
+    arguments, function = PLAIN[name]
     columns, values = _columns(arguments, seed=1), {**values, **FURTHER}
     p = namespace(values)
     expected = np.array([_call(function, FLOATS, p, [c[i].item() for c in columns]) for i in range(LANES)], float)
@@ -168,7 +168,7 @@ def _traced(function: Function, columns: list[np.ndarray], values: Mapping[str, 
     return np.array([run(*(c[i].item() for c in columns)) for i in range(LANES)], float)
 
 
-def test_the_kernel_is_the_traced_actuator(values: Mapping[str, Any]) -> None:
+def test_kernel_computes_the_functions_of_the_actuator(values: Mapping[str, Any]) -> None:
     kernel = codegen.make()(values)
     p = namespace(values)
     for (_, names, function), compiled in zip(codegen.functions(ACTUATOR), kernel, strict=True):
@@ -185,8 +185,8 @@ def test_floats_refuse_symbols() -> None:
         FLOATS.where(ca.SX.sym("x") > 0, 1.0, 2.0)
 
 
-def test_traced_values_are_not_compared_by_python() -> None:
-    """x == 0.0 would be False at once, on every back end alike."""
+def test_traced_values_cannot_be_compared_by_python() -> None:
+    """Without the error, x == 0.0 would be False while tracing."""
     traced = Tracer().parameter("a")
     with pytest.raises(TypeError, match=r"ops\.equal"):
         _ = traced == 0.0
@@ -194,13 +194,13 @@ def test_traced_values_are_not_compared_by_python() -> None:
         _ = traced != 0.0
 
 
-def test_a_traced_value_has_no_truth() -> None:
+def test_traced_value_cannot_be_a_condition() -> None:
     tracer = Tracer()
     with pytest.raises(TypeError, match=r"ops\.where"):
         bool(tracer.parameter("a") > 1.0)
 
 
-def test_tracing_hoists_parameters_and_drops_what_nobody_reads() -> None:
+def test_tracing_hoists_parameters_and_drops_unused_values() -> None:
     tracer = Tracer()
     a = tracer.parameter("a")
 
@@ -209,15 +209,14 @@ def test_tracing_hoists_parameters_and_drops_what_nobody_reads() -> None:
         return (tracer.sin(a) * x + tracer.sin(a) * x,)
 
     tracer.function("f", ["x"], body)
-    text = python_source(tracer, "test")
-    prologue, function = text.split("def f")
+    prologue, function = python_source(tracer, "test").split("def f")
     assert "sin(p0)" in prologue
     assert "sin" not in function
     assert "exp(" not in function
     assert function.count("*") == 1  # the common product once
 
 
-def test_a_branch_is_evaluated_only_where_it_is_taken() -> None:
+def test_only_the_chosen_branch_is_evaluated() -> None:
     tracer = Tracer()
     tracer.function("f", ["x"], lambda x: tracer.branch(x > 0.0, lambda: (tracer.log(x),), lambda: (0.0,)))
     space: dict[str, Any] = {}
@@ -235,24 +234,24 @@ def test_a_branch_is_evaluated_only_where_it_is_taken() -> None:
     ("pow", [(x, y) for x in (0.0, 0.3, 1.0, 7.0) for y in (0.5, 1.5, 2.0, 3.25)], math.pow),
     ("pow", [(-1.5, 3), (-1.5, 2.0), (2.0, -2), (5.0, 0), (1.1, 63)], math.pow),
 ])
-def test_derived_functions(name: str, arguments: list[tuple[float, ...]], expected: Callable[..., float]) -> None:
-    """As those of the C library, to some units in the last place; alike over all namespaces."""
+def test_derived_functions_agree_with_the_c_library(name: str, arguments: list[tuple[float, ...]],
+                                                    expected: Callable[..., float]) -> None:
     for row in arguments:
         numbers = [float(getattr(ops, name)(*row)) for ops in (FLOATS, ARRAYS)]
         symbols = [ca.SX.sym(f"x{i}") for i in range(len(row))]
-        # A whole exponent is one where it is a number.
-        given = [value if name == "pow" and row[1] == int(row[1]) and i else symbols[i] for i, value in enumerate(row)]
-        traced = ca.Function("f", symbols, [getattr(SYMBOLS, name)(*given)])
+        # A whole exponent remains a number.
+        inputs = [value if name == "pow" and row[1] == int(row[1]) and i else symbols[i] for i, value in enumerate(row)]
+        traced = ca.Function("f", symbols, [getattr(SYMBOLS, name)(*inputs)])
         for number in (*numbers, float(traced(*row))):
             assert number == pytest.approx(expected(*row), rel=1e-14, abs=1e-300), (name, row)
 
 
-def test_tables() -> None:
+def test_tables_are_interpolated_linearly() -> None:
     points, values = (-1.0, 0.0, 2.0), (3.0, 1.0, 5.0)
-    at = np.array([-9.0, -1.0, -0.5, 0.0, 0.25, 2.0, 7.0])
-    expected = np.interp(at, points, values)
-    np.testing.assert_allclose(ARRAYS.interp(at, points, values), expected, rtol=1e-15)
-    assert [FLOATS.interp(float(x), points, values) for x in at] == pytest.approx(list(expected), rel=1e-15)
+    xs = np.array([-9.0, -1.0, -0.5, 0.0, 0.25, 2.0, 7.0])
+    expected = np.interp(xs, points, values)
+    np.testing.assert_allclose(ARRAYS.interp(xs, points, values), expected, rtol=1e-15)
+    assert [FLOATS.interp(float(x), points, values) for x in xs] == pytest.approx(list(expected), rel=1e-15)
     for bad in ((0.0,), (0.0, 0.0), (1.0, 0.0)):
         with pytest.raises(ValueError, match="table"):
             FLOATS.interp(0.5, bad, bad)

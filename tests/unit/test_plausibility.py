@@ -1,4 +1,4 @@
-"""Warnings of values that contradict one another, one at a time; none for the shipped sets."""
+"""Contradictory parameters give one warning each; the shipped sets give none."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def test_no_named_set_warns(name: str) -> None:
     assert not [warning for warning in warnings if not warning.endswith("not used")]
 
 
-# On either side of each rule's limit, by hand from the default set: one change each, and what alone is said.
-@pytest.mark.parametrize(("changes", "said"), [
+# Changes of the default set just within and beyond each rule's limit, and the only warning; limits computed by hand.
+@pytest.mark.parametrize(("changes", "message"), [
     ({"inertia.motor": 1.6e-2}, "check the units of inertia"),  # 1e3 times the load's 1.551e-5 kg.m2
     ({"inertia.motor": 1.5e-2}, ""),
     ({"inertia.fin": 113.0}, "check the units of inertia"),  # (l/d)^2 113 kg.m2 is 100.3 times 2.855e-4 kg.m2
@@ -60,7 +60,7 @@ def test_no_named_set_warns(name: str) -> None:
     ({"drive.transport_delay": 7.1e-3}, "will ring"),
     ({"motor.inductance": 0.045}, ""),
     ({"motor.inductance": 0.047}, "motor.inductance = 0.047 H"),  # 30 times 0.25 Ohm times 6.219 ms is 46.6 mH
-    # A sample is longer, 6.4 ms: 48 mH. A lower gain leaves the velocity loop its margin.
+    # A longer sample, 6.4 ms, raises the limit to 48 mH. The lower gain keeps the velocity loop's phase margin.
     ({"motor.inductance": 0.047, "controller.sample_time": 6.4e-3, "controller.velocity.kp": 0.03}, ""),
     ({"motor.resistance": 0.0201}, ""),
     ({"motor.resistance": 0.0199}, "1 mH is 1e-3 H"),  # 0.6 mH over 0.02 Ohm is 30 samples
@@ -72,26 +72,26 @@ def test_no_named_set_warns(name: str) -> None:
     ({"motor.resistance": 0.64}, ""),
     ({"motor.resistance": 0.66}, "needs 39.6 V across motor.resistance"),  # 0.65 Ohm times 60 A is 39 V
 ])
-def test_a_contradiction_is_said_once(changes: dict[str, float], said: str) -> None:
+def test_contradiction_gives_one_warning(changes: dict[str, float], message: str) -> None:
     warnings = load_parameters().with_values(changes).warnings
-    if "encoder.pulses" in changes:  # coarse counts are noise in the current as well
+    if "encoder.pulses" in changes:  # a coarse encoder also gives the warning of the next test
         warnings = tuple(w for w in warnings if "will be noise" not in w)
-    assert [said in warning for warning in warnings] == ([True] if said else [])
+    assert [message in warning for warning in warnings] == ([True] if message else [])
 
 
-def test_counts_are_noise_in_the_current() -> None:
-    # 2 pi/(4 n) a millisecond times 0.0439 V.s/rad and 8.19 A/V is 565 A/n: a tenth of 60 A at n = 94.1.
+def test_coarse_encoder_gives_a_warning_about_current_noise() -> None:
+    # 2 pi/(4 n) in a millisecond times 0.0439 V.s/rad and 8.19 A/V is 565 A/n: a tenth of 60 A at n = 94.1.
     for pulses, warned in ((94, True), (95, False)):
         warnings = load_parameters().with_values({"encoder.pulses": pulses}).warnings
         assert [("will be noise" in warning) for warning in warnings] == [True] * warned
 
 
-def test_a_light_rotor_with_the_shipped_gains_is_told_to_be_tuned() -> None:
+def test_light_rotor_with_the_shipped_gains_gives_a_warning() -> None:
     warnings = load_parameters().with_values({"inertia.motor": "300 g*cm^2"}).warnings
     assert [("tune the gains" in warning) for warning in warnings] == [True]
 
 
-@pytest.mark.parametrize(("model", "changes", "said"), [
+@pytest.mark.parametrize(("model", "changes", "message"), [
     ("worm-gear", {"inertia.motor": 5e-5}, "the velocity loop"),
     ("worm-gear", {"encoder.pulses": 7}, "deg of the fin"),  # 360 deg/28/60 = 0.214 deg
     ("worm-gear", {"controller.speed_limit": 355.0}, "never reaches"),
@@ -105,15 +105,15 @@ def test_a_light_rotor_with_the_shipped_gains_is_told_to_be_tuned() -> None:
       for model in NAMES if "motor.inductance" in load_parameters(model=model).values),
     *((model, {"fin.stop_angle": "20 deg"}, "the stop hides an overshoot") for model in (*NAMES, DIRECT_DRIVE)),
 ])
-def test_others_have_those_that_are_theirs(model: str, changes: dict[str, Any], said: str) -> None:
+def test_other_actuators_warn_of_contradictions(model: str, changes: dict[str, Any], message: str) -> None:
     warnings = load_parameters(model=model).with_values(changes).warnings
-    assert any(said in warning for warning in warnings)
+    assert any(message in warning for warning in warnings)
 
 
 @pytest.mark.parametrize("changes", [{}, {"inertia.motor": 1.6e-2, "encoder.pulses": 7}, {
     "drive.current_limit": 3.0, "controller.velocity.kp": 0.1, "encoder.on_fin": True, "friction.temperature": -20.0}])
-def test_the_rules_traced_are_the_rules(changes: dict[str, float]) -> None:
-    """To the bit: the Python FMU's own source; the native one is printed from the same trace."""
+def test_generated_rules_agree_to_the_bit(changes: dict[str, float]) -> None:
+    """The source of the Python FMU; the C code is printed from the same trace."""
     chosen, rules = load_parameters().with_values(changes), get("nonlinear").all_rules
     space: dict[str, Any] = {}
     exec(python_source(codegen.traced_rules("nonlinear"), "Rules"), space)
@@ -122,13 +122,13 @@ def test_the_rules_traced_are_the_rules(changes: dict[str, float]) -> None:
         assert check(0.0) == rule.check(FLOATS, chosen.nested(), 0.0), rule.message
 
 
-def test_both_back_ends_have_the_rules_without_supply() -> None:
+def test_actuator_has_all_rules_except_those_of_the_supply() -> None:
     assert set(plausibility.RULES) <= set(get("nonlinear").all_rules)
     assert not set(plausibility.SUPPLY_RULES) & set(get("nonlinear").all_rules)
     assert all(rule.warning for rule in RULES)
 
 
-def test_a_command_may_be_as_late_as_the_longest_delay_and_no_later() -> None:
+def test_command_delay_is_limited() -> None:
     parameters = load_parameters(model="nonlinear+faults")
     longest = fault_list.LONGEST_COMMAND_DELAY * parameters.values["controller.sample_time"]
     parameters.with_values({"fault.command_delay.active": True, "fault.command_delay.time": longest})

@@ -1,4 +1,4 @@
-"""What the runtime accepts and refuses at its boundaries: stored states, times, sets of parameters; its progress."""
+"""Limits of the runtime: stored states, times, parameters of batches, and progress."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MODELS = ("nonlinear", "second-order", "electrohydraulic")
 
 
 def at_rest(model: str, **changes: Any) -> tuple[Any, tuple[Any, ...], Mapping[str, Any]]:
-    """Return a core of a model, inputs at rest and the parameters."""
+    """Return a core, the core's inputs at rest, and the values of the parameters."""
     p = load_parameters(model=model).with_values(changes)
     core = codegen.core(p.values, model)
     row = [v.initial(p.values) for v in p.actuator.inputs]
@@ -27,43 +27,42 @@ def at_rest(model: str, **changes: Any) -> tuple[Any, tuple[Any, ...], Mapping[s
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_places_in_time_of_a_stored_state(model: str) -> None:
-    """A state is somewhere in the sample period in which it was stored, within the slack of communication points."""
+def test_stored_state_with_an_impossible_time_is_refused(model: str) -> None:
+    """The state's time is in the sample period in which it was stored, within the slack of communication points."""
     core, inputs, _ = at_rest(model)
     start, slack, period = core.state, core.slack, core.schedule[0]
     fresh = codegen.core(load_parameters(model=model).values, model)
 
-    def said(now: float, periods: Any = 0, tick: Any = 0, **other: Any) -> str:
-        found: str = fresh.unsound((periods, tick, *start[2:7], other.get("part"), start[8]), now, inputs)
-        return found
+    def error(now: float, periods: Any = 0, tick: Any = 0, **other: Any) -> str:
+        return str(fresh.unsound((periods, tick, *start[2:7], other.get("part"), start[8]), now, inputs))
 
     now: float
     periods: Any
     for now, periods in ((0.0, 0), (-0.99 * slack, 0), (period + 0.99 * slack, 0), (period, 1), (7.0 * period, 7)):
-        assert said(now, periods) == ""
+        assert error(now, periods) == ""
     for now, periods in ((-1.01 * slack, 0), (period + 1.01 * slack, 0), (0.0, -1), (0.0, 1), (0.0, 0.0), (0.0, True)):
-        assert said(now, periods) == "impossible position in time"
+        assert error(now, periods) == "impossible position in time"
     ticks = core.schedule[2]
-    assert [said(0.0, tick=k) for k in (-1, 0, ticks - 1, ticks, 0.0)] == [
+    assert [error(0.0, tick=k) for k in (-1, 0, ticks - 1, ticks, 0.0)] == [
         "impossible position in time", "", "", "impossible position in time", "impossible position in time"]
     before, (h_before, h_after) = core.schedule[1], core.schedule[4:6]
-    nothing = (0.0,) * (core._supply - 1)
+    no_loads = (0.0,) * (core._supply - 1)
     for tick, h in ((0, h_before if before else h_after), (ticks - 1, h_after)):
-        for origin, covered, sound in ((0.0, 0.0, True), (0.0, h, True), (h, h, True), (0.5 * h, 0.4 * h, False),
+        for origin, covered, valid in ((0.0, 0.0, True), (0.0, h, True), (h, h, True), (0.5 * h, 0.4 * h, False),
                                        (-1e-9 * h, h, False), (0.0, 1.000001 * h, False)):
-            assert (said(0.0, tick=tick, part=(origin, covered, inputs, nothing)) == "") == sound
-    assert said(0.0, part=(0.0, 0.0, inputs, nothing[1:])) == "impossible part of a tick"
+            assert (error(0.0, tick=tick, part=(origin, covered, inputs, no_loads)) == "") == valid
+    assert error(0.0, part=(0.0, 0.0, inputs, no_loads[1:])) == "impossible part of a tick"
     assert fresh.unsound(start[:-1], 0.0, inputs) == fresh.unsound(list(start), 0.0, inputs) == "wrong number of values"
     for bad in (np.nan, np.inf, "0", None):
-        for place in (2, 3, 4, 5, 8):
-            if start[place]:
-                made = (*start[:place], (*start[place][:-1], bad), *start[place + 1:])
-                assert fresh.unsound(made, 0.0, inputs) == "a number is not finite"
+        for index in (2, 3, 4, 5, 8):
+            if start[index]:
+                state = (*start[:index], (*start[index][:-1], bad), *start[index + 1:])
+                assert fresh.unsound(state, 0.0, inputs) == "a number is not finite"
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_a_state_stored_anywhere_goes_on(model: str) -> None:
-    """A stored state is sound, and the run continues from it to the bit, after any calls in between."""
+def test_restored_state_continues_identically(model: str) -> None:
+    """From any time and after other calls, to the bit."""
     core, inputs, values = at_rest(model)
     inputs, other = (0.1, *inputs[1:]), (-0.2, 30.0, *inputs[2:])
     for now in (0.3e-3, 1.0e-3, 1.9e-3, 5.0e-3, 5.01e-3, 7.77e-3):
@@ -72,15 +71,14 @@ def test_a_state_stored_anywhere_goes_on(model: str) -> None:
         assert codegen.core(values, model).unsound(stored, now, inputs) == ""
         ahead = core.run(now + 2.3e-3, inputs)
         core.state = stored
-        elsewhere = core.run(now + 1.1e-3, other)
-        assert elsewhere != ahead
+        assert core.run(now + 1.1e-3, other) != ahead
         core.state = stored
         assert core.run(now + 2.3e-3, inputs) == ahead
         core.state = stored
 
 
 def _line(model: str, resistance: float, update_time: float) -> tuple[float, ...]:
-    """The parameters of the supply's line of several fins, the first of which is its resistance."""
+    """Return the parameters of the line that supplies several fins; the first one is the resistance."""
     supply = get(model).supply
     assert supply is not None
     values = dict(supply.line.values)
@@ -89,7 +87,7 @@ def _line(model: str, resistance: float, update_time: float) -> tuple[float, ...
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_a_state_of_several_fins(model: str) -> None:
+def test_corrupt_state_of_several_fins_is_refused(model: str) -> None:
     values = load_parameters(model=model).values
     supply = get(model).supply
     line = () if supply is None else _line(model, 0.02, 1e-3)
@@ -98,26 +96,26 @@ def test_a_state_of_several_fins(model: str) -> None:
     inputs = [codegen.core_inputs(core, row, get(model)) for core in fins.cores]
     of_line, drawn, instant, states = fins.state
     assert fins.unsound(fins.state, 0.0, inputs[0]) == ""
-    for made, said in (((of_line, drawn, instant), "wrong number of values"),
-                       ([of_line, drawn, instant, states], "wrong number of values"),
-                       ((of_line, drawn, instant, states[:1]), "wrong number of fins"),
-                       ((of_line, drawn, instant, (states[0], states[1][:-1])), "wrong number of values"),
-                       ((np.nan, drawn, instant, states), "impossible state of the supply's line"),
-                       ((of_line, (*drawn[:-1], np.nan), instant, states), "impossible state of the supply's line"),
-                       ((of_line, drawn, 0, states), "impossible time of the supply's line"),
-                       ((of_line, drawn, 1.0, states), "impossible time of the supply's line")):
-        assert fins.unsound(made, 0.0, inputs[0]) == said
-    if line:  # the next instant is at most an interval ahead, and never behind
+    for state, message in (((of_line, drawn, instant), "wrong number of values"),
+                           ([of_line, drawn, instant, states], "wrong number of values"),
+                           ((of_line, drawn, instant, states[:1]), "wrong number of fins"),
+                           ((of_line, drawn, instant, (states[0], states[1][:-1])), "wrong number of values"),
+                           ((np.nan, drawn, instant, states), "impossible state of the supply's line"),
+                           ((of_line, (*drawn[:-1], np.nan), instant, states), "impossible state of the supply's line"),
+                           ((of_line, drawn, 0, states), "impossible time of the supply's line"),
+                           ((of_line, drawn, 1.0, states), "impossible time of the supply's line")):
+        assert fins.unsound(state, 0.0, inputs[0]) == message
+    if line:  # the next instant is at most one interval ahead, and never in the past
         period = fins.cores[0].schedule[0]
-        for now, at, sound in ((0.0, 1, True), (0.0, 2, False), (-0.9e-9, 1, True), (-1.1e-9, 1, False),
-                               (0.5 * period, 1, period <= 2e-3)):
-            there = tuple(core.state for core in fins.cores)
-            assert (fins.unsound((of_line, drawn, at, there), now, inputs[0]) == "") == sound
+        for now, index, valid in ((0.0, 1, True), (0.0, 2, False), (-0.9e-9, 1, True), (-1.1e-9, 1, False),
+                                  (0.5 * period, 1, period <= 2e-3)):
+            state = (of_line, drawn, index, tuple(core.state for core in fins.cores))
+            assert (fins.unsound(state, now, inputs[0]) == "") == valid
     assert fins.slack == min(core.slack for core in fins.cores)
 
 
-def test_of_several_fins_the_finest_counts() -> None:
-    """Slack and latest time are those of the fin with the shortest tick, wherever it is among them."""
+def test_shortest_tick_of_several_fins_limits_all() -> None:
+    """Slack and latest time are those of the fin with the shortest tick, whether it is the first or the last."""
     coarse = load_parameters()
     fine = coarse.with_values({"solver.max_tick": 0.4 * coarse.values["solver.max_tick"]})
     # The shortest tick may be before the arrival of a reference, or after it.
@@ -136,19 +134,19 @@ def test_of_several_fins_the_finest_counts() -> None:
 
 @pytest.mark.kernel
 @pytest.mark.parametrize("lanes", [1, 4])
-@pytest.mark.parametrize("place", [0, 3, 4, 10])
-def test_the_actuator_that_is_refused_is_named(place: int, lanes: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With its value, at the beginning, on either side of an edge of what is prepared at a time, and at the end."""
+@pytest.mark.parametrize("index", [0, 3, 4, 10])
+def test_refused_actuator_of_a_batch_is_named(index: int, lanes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With its value; the first and last actuator, and those beside the limit of a chunk."""
     monkeypatch.setattr(batches, "_CHUNK", 4)
     p = load_parameters(model="second-order")
     names = [v.name for v in p.actuator.parameters]
     sets = np.tile(parameter_row(p.values, "second-order"), (11, 1))
     sets[:, names.index("fin.stop_angle")] += np.arange(11) * 1e-3
-    sets[place, names.index("controller.sample_time")] = -7.0 - place
-    with pytest.raises(ParameterError, match=rf"actuator {place}: controller\.sample_time = -{7 + place}\b"):
+    sets[index, names.index("controller.sample_time")] = -7.0 - index
+    with pytest.raises(ParameterError, match=rf"actuator {index}: controller\.sample_time = -{7 + index}\b"):
         batches.Batch(sets, 11, "second-order", lanes=lanes)
-    with pytest.raises(ParameterError, match=rf"actuator 0: controller\.sample_time = -{7 + place}\b"):
-        batches.Batch(sets[place:place + 1], 5, "second-order", lanes=lanes)
+    with pytest.raises(ParameterError, match=rf"actuator 0: controller\.sample_time = -{7 + index}\b"):
+        batches.Batch(sets[index:index + 1], 5, "second-order", lanes=lanes)
 
 
 @pytest.mark.kernel
@@ -159,14 +157,13 @@ def test_progress_rises_to_its_total(count: int, lanes: int, monkeypatch: pytest
     p = load_parameters(model="second-order")
     sets = np.tile(parameter_row(p.values, "second-order"), (count, 1))
     sets[:, [v.name for v in p.actuator.parameters].index("fin.stop_angle")] += np.arange(count) * 1e-3
-    told: list[tuple[str, int, int]] = []
-    made = batches.Batch(sets, count, "second-order", progress=lambda *of: told.append(of), lanes=lanes)
-    prepared, told = told, []
-    made.run(2e-3, lambda *of: told.append(of))
-    for said in (prepared, told):
-        steps, totals = [done for _, done, _ in said], {total for *_, total in said}
+    prepared, moved = list[tuple[str, int, int]](), list[tuple[str, int, int]]()
+    batch = batches.Batch(sets, count, "second-order", progress=lambda *of: prepared.append(of), lanes=lanes)
+    batch.run(2e-3, lambda *of: moved.append(of))
+    for calls in (prepared, moved):
+        steps, totals = [done for _, done, _ in calls], {total for *_, total in calls}
         assert len(totals) == 1
         assert min(steps) > 0
         assert steps == sorted(steps)
         assert steps[-1] == max(totals)
-    assert made.moved
+    assert batch.moved

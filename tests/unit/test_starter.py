@@ -1,4 +1,4 @@
-"""`emcas init`: the files it writes, for every actuator, and what it refuses."""
+"""`emcas init` writes the files of a study for every actuator, or refuses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.main import get_command
-from typer.testing import CliRunner, Result
 
 from emcas_fmu.actuators import NAMES
 from emcas_fmu.bench.requirements import load_requirements
@@ -25,6 +24,7 @@ from emcas_fmu.studies.campaign import study as campaign
 from emcas_fmu.studies.overview import offered
 from emcas_fmu.studies.tuning.study import load_study
 from emcas_fmu.support.files import models_directory
+from tests.commands import emcas, refusal
 from tests.marks import others_slow
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 
@@ -34,17 +34,13 @@ each_model = pytest.mark.parametrize("model", MODELS, ids=lambda model: Path(mod
 _VALUE = re.compile(r"^#([\w.]+ = )", re.MULTILINE)
 
 
-def init(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["init", *map(str, arguments)])
-
-
 @cache
 def shipped(model: str) -> ParameterSet:
     return load_parameters(model=model)
 
 
 @each_model
-def test_the_file_as_it_is_is_the_shipped_set(model: str, tmp_path: Path) -> None:
+def test_unchanged_file_gives_the_shipped_set(model: str, tmp_path: Path) -> None:
     path = tmp_path / "actuator.toml"
     path.write_text(starter.parameter_text(shipped(model)), encoding="utf-8")
     assert load_parameters(path, model=model) == shipped(model)
@@ -53,41 +49,42 @@ def test_the_file_as_it_is_is_the_shipped_set(model: str, tmp_path: Path) -> Non
 @each_model
 @given(st.data())
 @settings(max_examples=4)
-def test_any_of_its_values_uncommented_are_the_shipped_ones(model: str, tmp_path_factory: pytest.TempPathFactory,
-                                                            data: st.DataObject) -> None:
+def test_uncommented_values_are_the_shipped_ones(model: str, tmp_path_factory: pytest.TempPathFactory,
+                                                 data: st.DataObject) -> None:
+    """Any selection of the values."""
     text = starter.parameter_text(shipped(model))
     lines = len(_VALUE.findall(text))
     assert lines == len(offered(shipped(model))) > 0
-    kept = data.draw(st.one_of(st.just(set(range(lines))), st.sets(st.integers(0, lines - 1))))
+    chosen = data.draw(st.one_of(st.just(set(range(lines))), st.sets(st.integers(0, lines - 1))))
     number = iter(range(lines))
     path = tmp_path_factory.mktemp("filled") / "actuator.toml"
-    path.write_text(_VALUE.sub(lambda match: match[1] if next(number) in kept else match[0], text), encoding="utf-8")
+    path.write_text(_VALUE.sub(lambda match: match[1] if next(number) in chosen else match[0], text), encoding="utf-8")
     filled = load_parameters(path, model=model)
     assert filled.values == shipped(model).values
     assert filled.warnings == shipped(model).warnings
-    given = {e.variable.name.partition("[")[0] for e in filled.entries if e.source == "user"}
-    assert given == {name for i, name in enumerate(names(text)) if i in kept}
+    of_user = {e.variable.name.partition("[")[0] for e in filled.entries if e.source == "user"}
+    assert of_user == {name for i, name in enumerate(names(text)) if i in chosen}
 
 
 def names(text: str) -> list[str]:
-    """The values' names in their order, with their tables."""
-    found, table = [], ""
+    """Return the names of the values in their order, with their tables."""
+    result, table = [], ""
     for line in text.splitlines():
         if line.startswith("["):
             table = line.strip("[]") + "."
         elif match := _VALUE.match(line):
-            found.append(table + match[1].removesuffix(" = "))
-    return found
+            result.append(table + match[1].removesuffix(" = "))
+    return result
 
 
-# Loading a campaign takes a second or two of each.
+# Loading a campaign takes a second or two for each actuator.
 @pytest.mark.parametrize("model", others_slow(MODELS, lambda model: model in ("electrohydraulic", DIRECT_DRIVE)),
                          ids=lambda model: Path(model).stem)
-def test_its_studies_are_the_shipped_ones_and_fit(model: str, tmp_path: Path) -> None:
+def test_written_studies_are_the_shipped_ones_and_can_be_loaded(model: str, tmp_path: Path) -> None:
     base = shipped(model)
-    assert init(tmp_path, "--model", model).exit_code == 0
-    shipped_ones = load_requirements(None, base)
-    assert load_requirements(tmp_path / "requirements.toml", base) == replace(shipped_ones, file="requirements.toml")
+    assert emcas("init", tmp_path, "--model", model).exit_code == 0
+    expected = replace(load_requirements(None, base), file="requirements.toml")
+    assert load_requirements(tmp_path / "requirements.toml", base) == expected
     assert campaign.load_study(tmp_path / "campaign.toml").factors
     tuned = tmp_path / "tuning.toml"
     if tuned.exists():
@@ -99,9 +96,8 @@ def test_its_studies_are_the_shipped_ones_and_fit(model: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("model", ["nonlinear", "second-order", DIRECT_DRIVE], ids=lambda model: Path(model).stem)
-def test_the_commands_of_its_readme_are_the_programs(model: str, tmp_path: Path,
-                                                     monkeypatch: pytest.MonkeyPatch) -> None:
-    assert init(tmp_path, "--model", model).exit_code == 0
+def test_commands_of_the_readme_exist(model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert emcas("init", tmp_path, "--model", model).exit_code == 0
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tuned.toml").touch()
     block = re.findall(r"```sh\n(.*?)```", (tmp_path / "README.md").read_text(encoding="utf-8"), re.DOTALL)[0]
@@ -112,7 +108,7 @@ def test_the_commands_of_its_readme_are_the_programs(model: str, tmp_path: Path,
         assert command.make_context(name, arguments).params
 
 
-def test_a_campaign_is_without_what_an_actuator_has_not() -> None:
+def test_campaign_leaves_out_missing_parameters_and_inputs() -> None:
     text = starter.campaign_text(shipped("electrohydraulic"))
     assert "supply_voltage" not in text
     assert "[experiments.sag]" not in text
@@ -120,9 +116,9 @@ def test_a_campaign_is_without_what_an_actuator_has_not() -> None:
     assert '[vary."motor.resistance"]' in starter.campaign_text(shipped("nonlinear"))
 
 
-def test_what_was_written_is_said_with_the_next_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_written_files_and_the_next_command_are_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    done = init("mine")
+    done = emcas("init", "mine")
     assert done.exit_code == 0
     for name in ("actuator.toml", "tuning.toml", "campaign.toml", "requirements.toml", "README.md"):
         assert f"written mine/{name}" in done.output
@@ -130,38 +126,35 @@ def test_what_was_written_is_said_with_the_next_command(tmp_path: Path, monkeypa
     assert "cd mine && emcas parameters -p actuator.toml" in done.output
 
 
-def test_nothing_is_written_over(tmp_path: Path) -> None:
+def test_existing_files_are_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "actuator.toml").write_text("mine", encoding="utf-8")
-    refused = init(tmp_path)
-    assert refused.exit_code == 2
-    assert "actuator.toml: exists already" in refused.stderr
-    assert "README.md" not in refused.stderr
+    message = refusal("init", tmp_path)
+    assert "actuator.toml: exists already" in message
+    assert "README.md" not in message
     assert [path.name for path in tmp_path.iterdir()] == ["actuator.toml"]
     assert (tmp_path / "actuator.toml").read_text(encoding="utf-8") == "mine"
-    assert init(tmp_path, "--force").exit_code == 0
+    assert emcas("init", tmp_path, "--force").exit_code == 0
     assert load_parameters(tmp_path / "actuator.toml") == shipped("nonlinear")
 
 
-def test_refusals(tmp_path: Path) -> None:
+def test_wrong_arguments_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.touch()
-    for arguments, said in (((file,), "is a file"), ((file / "below",), "is a file"),
-                            ((tmp_path / "new", "--model", "nonlinaer"), "did you mean nonlinear?")):
-        refused = init(*arguments)
-        assert refused.exit_code == 2
-        assert said in refused.stderr
-        assert len(refused.stderr.splitlines()) == 1
+    for arguments, message in (((file,), "is a file"), ((file / "below",), "is a file"),
+                               ((tmp_path / "new", "--model", "nonlinaer"), "did you mean nonlinear?")):
+        done = emcas("init", *arguments)
+        assert done.exit_code == 2
+        assert message in done.stderr
+        assert len(done.stderr.splitlines()) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="nothing is closed to this user")
-def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="this user may write to every folder")
+def test_folder_without_write_permission_is_refused(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
-    refused = init(tmp_path / "new")
-    assert refused.exit_code == 2
-    assert "cannot be written" in refused.stderr
+    assert "cannot be written" in refusal("init", tmp_path / "new")
     tmp_path.chmod(0o700)
 
 
 def test_help_has_examples() -> None:
-    assert "emcas init my_actuator" in init("--help").output
+    assert "emcas init my_actuator" in emcas("init", "--help").output

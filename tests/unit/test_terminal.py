@@ -1,4 +1,4 @@
-"""Tables on the terminal: nothing is cut, at any width that a terminal has."""
+"""Tables on the terminal are complete at any width."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ FIGURES = ("0.0004996", "-0.0004996", "248.7")
 NAME = "time_to_accuracy_20deg_as_built"
 
 
-def shown(columns: list[str], rows: list[list[object]], width: int, whole: tuple[int, ...] = ()) -> str:
+def printed(columns: list[str], rows: list[list[object]], width: int, whole: tuple[int, ...] = ()) -> str:
+    """Return a table as printed; `whole` columns are folded only if nothing else is left to fold."""
     console = Console(width=width, file=StringIO())
     console.print(table(columns, rows, whole=whole, plain=True))
     assert isinstance(console.file, StringIO)
@@ -22,11 +23,11 @@ def shown(columns: list[str], rows: list[list[object]], width: int, whole: tuple
 
 
 @pytest.mark.parametrize("whole", [(), (0,), (0, 1)])
-def test_five_actuators_at_80_columns(whole: tuple[int, ...]) -> None:
-    """Figures, limits and verdicts are whole, and a name is all there, on as many lines as it needs."""
+def test_table_of_five_actuators_is_complete_at_80_columns(whole: tuple[int, ...]) -> None:
+    """Figures, limits and verdicts are not folded, and names only into lines."""
     names = [">nonlinear", ">worm-gear", ">electrohydraulic", ">elastic", ">servo"]
     cells = [Text(f"{figure} FAIL") for figure in (*FIGURES, *FIGURES[:2])]
-    text = shown(["requirement", ">required", *names], [[NAME, "<= 0.25 deg/s", *cells]], 80, whole)
+    text = printed(["requirement", ">required", *names], [[NAME, "<= 0.25 deg/s", *cells]], 80, whole)
     lines = text.splitlines()
     assert max(map(len, lines)) <= 80
     assert "\N{HORIZONTAL ELLIPSIS}" not in text
@@ -37,11 +38,11 @@ def test_five_actuators_at_80_columns(whole: tuple[int, ...]) -> None:
     assert "".join(line[1:12].strip() for line in body) == NAME
 
 
-def test_whole_columns_fold_last() -> None:
+def test_whole_columns_are_folded_last() -> None:
     rows: list[list[object]] = [[NAME, "a reason of so many words that it takes more than one line", 1.0]]
-    assert NAME in shown(["name", "reason", ">value"], rows, 60, (0,))
-    assert NAME not in shown(["name", "reason", ">value"], rows, 40, (0,))
+    assert NAME in printed(["name", "reason", ">value"], rows, 60, (0,))
+    assert NAME not in printed(["name", "reason", ">value"], rows, 40, (0,))
 
 
-def test_a_wide_terminal_folds_nothing() -> None:
-    assert len(shown(["name", ">value"], [[NAME, FIGURES[0]]], 200).split("\n")) == 6
+def test_wide_terminal_folds_nothing() -> None:
+    assert len(printed(["name", ">value"], [[NAME, FIGURES[0]]], 200).split("\n")) == 6

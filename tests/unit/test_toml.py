@@ -17,7 +17,7 @@ VALUES = st.recursive(TEXTS | NUMBERS | st.booleans(),
 
 
 @given(entries=st.dictionaries(TEXTS, VALUES, max_size=4))
-def test_a_table_reads_as_it_was(entries: dict[str, Any]) -> None:
+def test_written_table_is_read_unchanged(entries: dict[str, Any]) -> None:
     assert toml.tomllib.loads(toml.table("a.b", entries)) == {"a": {"b": entries}}
 
 
@@ -26,5 +26,5 @@ def test_a_table_reads_as_it_was(entries: dict[str, Any]) -> None:
     ("friction.temperature", "-6 degC", '"friction.temperature" = "-6 degC"'),
     ("start", {"encoder.enabled": False, "n": 3}, 'start = { "encoder.enabled" = false, n = 3 }'),
     ("note", "0.2\u00b0\x7f\udc80", 'note = "0.2\u00b0\\u007f?"'), ("values", [1.0, 1e22], "values = [1.0, 1e+22]")])
-def test_a_line_is_short(name: str, written: Any, line: str) -> None:
+def test_value_is_written_in_one_short_line(name: str, written: Any, line: str) -> None:
     assert toml.entry(name, written) == line
