@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from emcas_fmu.actuators import EXTENSIONS, NONLINEAR, get
 from emcas_fmu.bench.metrics import sustained_rate
-from emcas_fmu.parameters import load_parameters
+from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.simulation import simulate
 from tests.default_actuator import EVERY
 from tests.marks import slow
@@ -107,18 +107,13 @@ def test_every_controller_option_is_repeatable(option: str) -> None:
     check_repeatability(NONLINEAR, values, list(HISTORIES), tolerance)
 
 
-def test_trajectory_generator_is_repeatable() -> None:
-    chosen = load_parameters("two-degrees-of-freedom")
-    check_repeatability(chosen.model, chosen.values, list(HISTORIES))
-
-
-@pytest.mark.parametrize("bandwidth", [150.0, 800.0])
-def test_filters_are_repeatable(bandwidth: float) -> None:
-    model = "nonlinear+filters"
-    values = load_parameters(model=model).with_values({
+@pytest.mark.parametrize("chosen", [load_parameters("two-degrees-of-freedom"), *(
+    load_parameters(model="nonlinear+filters").with_values({
         "filters.speed_bandwidth": bandwidth, "filters.notch_frequency": 380.0, "filters.notch_zero_damping": 0.05,
-        "filters.notch_pole_damping": 0.2}).values
-    check_repeatability(model, values, list(HISTORIES))
+        "filters.notch_pole_damping": 0.2}) for bandwidth in (150.0, 800.0))],
+    ids=["trajectory generator", "filters of 150 rad/s", "filters of 800 rad/s"])
+def test_trajectory_generator_and_filters_are_repeatable(chosen: ParameterSet) -> None:
+    check_repeatability(chosen.model, chosen.values, list(HISTORIES))
 
 
 @pytest.mark.parametrize("model", EVERY + EXTENDED)

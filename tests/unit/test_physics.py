@@ -33,7 +33,7 @@ def _rotation(axis: str, angle: float) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", range(100))
 def test_equation_of_motion_in_the_fin_coordinate(values: Mapping[str, Any], seed: int) -> None:
-    """The fin's acceleration from the thesis's (2.15)-(2.17), against the package's equations in the motor's coordinate."""
+    """The fin's acceleration from the thesis's (2.15)-(2.17), against the equations in the motor's coordinate."""
     random = np.random.default_rng(seed)
     case = {**values, "friction.fin_viscous": random.uniform(0, 2), "friction.fin_coulomb": random.uniform(0, 20),
             "kinematics.initial_angle": random.uniform(-0.3, 0.3)}
@@ -247,7 +247,8 @@ def test_current_error_is_the_limited_reference_minus_the_current(values: Mappin
     assert np.all(run["current_error"][152:] == 0.0)
     # A reference above the current limit is replaced by the limit.
     run = simulate(locked, 0.1, fin_command=0.3)
-    assert run["motor_current"][-1] + run["current_error"][-1] == pytest.approx(locked["drive.current_limit"], rel=1e-12)
+    total = run["motor_current"][-1] + run["current_error"][-1]
+    assert total == pytest.approx(locked["drive.current_limit"], rel=1e-12)
 
 
 def test_actuators_with_a_current_loop_have_a_current_error() -> None:

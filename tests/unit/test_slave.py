@@ -1,10 +1,11 @@
-"""The slave class in this process: what a host in a fresh process cannot provoke."""
+"""The class of the Python FMU in this process: interrupts and calls that a host in another process cannot make."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from math import isnan
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from pythonfmu.enums import Fmi2Status
@@ -18,11 +19,11 @@ INDEX = {v.name: i for i, v in enumerate(VARIABLES)}
 
 @pytest.fixture
 def slave(values: Mapping[str, Any]) -> Any:
-    made = slave_class(FmuInterface(1), [values])(instance_name="fin")
-    made.setup_experiment(0.0)
-    made.enter_initialization_mode()
-    made.exit_initialization_mode()
-    return made
+    slave = slave_class(FmuInterface(1), [values])(instance_name="fin")
+    slave.setup_experiment(0.0)
+    slave.enter_initialization_mode()
+    slave.exit_initialization_mode()
+    return slave
 
 
 def _angle(slave: Any) -> float:
@@ -31,28 +32,23 @@ def _angle(slave: Any) -> float:
 
 
 @pytest.mark.parametrize("method", ["run", "_tick", "outputs"])
-def test_an_interrupt_discards_the_step_and_nothing_else(slave: Any, monkeypatch: pytest.MonkeyPatch,
-                                                         method: str) -> None:
+def test_interrupt_discards_only_the_step(slave: Any, monkeypatch: pytest.MonkeyPatch, method: str) -> None:
     slave.set_real([INDEX["fin_command"]], [0.1])
     assert all(slave.do_step(k * 1e-3, 1e-3) for k in range(20))
     before = slave._get_fmu_state()
-
-    def interrupted(*_: Any) -> None:
-        raise KeyboardInterrupt
-
     with monkeypatch.context() as patch:
-        patch.setattr(type(slave._core), method, interrupted)
+        patch.setattr(type(slave._core), method, Mock(side_effect=KeyboardInterrupt))
         assert not slave.do_step(0.02, 1e-3)
     assert slave._get_fmu_state() == before
     assert slave.do_step(0.02, 1e-3)
 
 
-def test_log_texts_are_no_printf_formats(slave: Any) -> None:
+def test_percent_signs_in_messages_are_doubled(slave: Any) -> None:
     slave._misused("50 % of %s")
     assert slave.log_queue[-1].msg == "50 %% of %%s"
 
 
-def test_state_survives_bytes_and_a_changed_parameter(slave: Any) -> None:
+def test_state_restored_from_bytes_includes_parameters(slave: Any) -> None:
     slave.set_real([INDEX["fin_command"]], [0.1])
     assert slave.do_step(0.0, 0.01)
     slave.set_real([INDEX["friction.temperature"]], [-6.0])
@@ -66,7 +62,7 @@ def test_state_survives_bytes_and_a_changed_parameter(slave: Any) -> None:
     assert _angle(slave) == cold
 
 
-def test_a_state_of_another_shape_changes_nothing(slave: Any) -> None:
+def test_state_of_wrong_shape_changes_nothing(slave: Any) -> None:
     assert slave.do_step(0.0, 0.01)
     before = slave._get_fmu_state()
     for bad in ((1, 2, 3), None, "it is nonsense"):
@@ -78,21 +74,18 @@ def test_a_state_of_another_shape_changes_nothing(slave: Any) -> None:
     assert slave._get_fmu_state() == before
 
 
-def test_an_interrupt_while_reading_discards_the_next_step(slave: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: Any) -> None:
-        raise KeyboardInterrupt
-
+def test_interrupt_while_reading_discards_the_next_step(slave: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     slave.set_real([INDEX["fin_command"]], [0.1])
     with monkeypatch.context() as patch:
-        patch.setattr(type(slave._core), "outputs", interrupted)
+        patch.setattr(type(slave._core), "outputs", Mock(side_effect=KeyboardInterrupt))
         slave.get_real([INDEX["fin_angle"]])
     assert not slave.do_step(0.0, 1e-3)
     assert "KeyboardInterrupt" in slave.log_queue[-1].msg
     assert slave.do_step(0.0, 1e-3)
 
 
-def test_a_host_that_reads_a_boolean_as_a_real_steps_on(slave: Any) -> None:
-    """As a host that reads every output as a Real: a message, and no number that looks valid."""
+def test_boolean_read_as_real_is_nan_with_a_message(slave: Any) -> None:
+    """Some hosts read every output as a Real; the run continues."""
     slave.set_real([INDEX["fin_command"]], [0.1])
     for k in range(20):
         angle, saturated = slave.get_real([INDEX["fin_angle"], INDEX["saturated"]])
@@ -105,8 +98,8 @@ def test_a_host_that_reads_a_boolean_as_a_real_steps_on(slave: Any) -> None:
     assert abs(_angle(slave)) > 1e-3
 
 
-def test_what_is_written_to_nowhere_is_said_once_and_harms_no_step(slave: Any,
-                                                                   capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_value_reference_is_reported_once(slave: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    """Steps continue."""
     for k in range(3):
         slave.set_integer([INDEX["fin_command"]], [1])
         slave.set_real([10_000, INDEX["fin_command"]], [1.0, 0.1])
@@ -118,18 +111,18 @@ def test_what_is_written_to_nowhere_is_said_once_and_harms_no_step(slave: Any,
         "fin: no Real variable has value reference 10000; it is not set"]
 
 
-@pytest.mark.parametrize(("name", "said"), [
+@pytest.mark.parametrize(("name", "message"), [
     ("fin_angle", "fin_angle is an output and cannot be set"),
     ("motor.resistance", "motor.resistance is fixed and cannot be set after initialization")])
-def test_a_write_to_what_cannot_be_set_discards_one_step(slave: Any, name: str, said: str) -> None:
-    """Its host takes it for set, and the wrapper can only say that all is well."""
+def test_forbidden_write_discards_the_next_step(slave: Any, name: str, message: str) -> None:
+    """The wrapper cannot return an error for the write itself."""
     slave.set_real([INDEX[name]], [1.0])
-    assert slave.log_queue[-1].msg == said
+    assert slave.log_queue[-1].msg == message
     assert not slave.do_step(0.0, 1e-3)
     assert slave.do_step(0.0, 1e-3)
 
 
-def test_calls_out_of_order_are_misuse(slave: Any) -> None:
+def test_calls_out_of_order_discard_the_next_step(slave: Any) -> None:
     for call in (lambda: slave.setup_experiment(5.0), slave.enter_initialization_mode, slave.exit_initialization_mode):
         call()
         assert "while running" in slave.log_queue[-1].msg
@@ -137,14 +130,14 @@ def test_calls_out_of_order_are_misuse(slave: Any) -> None:
     assert slave.do_step(0.0, 1e-3)
 
 
-def test_a_clock_that_runs_back_does_not_move_the_trajectory(slave: Any) -> None:
-    """Within the tolerance of 1 us a step may begin and even end before the slave's time."""
+def test_clock_that_runs_back_moves_nothing(slave: Any) -> None:
+    """Within the tolerance of 1 us, a step may begin and even end before the time reached."""
     slave.set_real([INDEX["fin_command"]], [0.2])
     for k in range(20):
         assert slave.do_step(k * 1e-3, 1e-3)
-    for at in (0.02, 0.02025):
+    for time in (0.02, 0.02025):
         before = _angle(slave)
-        assert slave.do_step(at - 0.9e-6, 1e-8)
+        assert slave.do_step(time - 0.9e-6, 1e-8)
         assert _angle(slave) == before
-        slave.set_boolean([INDEX["enable"]], [at == 0.02])
-        assert slave.do_step(at, 0.25e-3)
+        slave.set_boolean([INDEX["enable"]], [time == 0.02])
+        assert slave.do_step(time, 0.25e-3)

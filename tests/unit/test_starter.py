@@ -154,7 +154,3 @@ def test_folder_without_write_permission_is_refused(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
     assert "cannot be written" in refusal("init", tmp_path / "new")
     tmp_path.chmod(0o700)
-
-
-def test_help_has_examples() -> None:
-    assert "emcas init my_actuator" in emcas("init", "--help").output
