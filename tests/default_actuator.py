@@ -9,7 +9,6 @@ ACTUATOR = get(NONLINEAR)
 INPUTS, OUTPUTS, PARAMETERS = ACTUATOR.inputs, ACTUATOR.outputs, ACTUATOR.parameters
 VARIABLES = INPUTS + OUTPUTS + PARAMETERS
 FILE_ENTRIES = ACTUATOR.file_entries
-START_ENTRIES = FILE_ENTRIES[len(PARAMETERS):]
 namespace = ACTUATOR.namespace
 # Every shipped actuator, for tests that compile its kernel. All but two are marked slow: together they take minutes.
 EVERY = others_slow(NAMES, lambda name: name in (NONLINEAR, "second-order"))

@@ -7,8 +7,6 @@ from typing import Any
 
 import pytest
 
-from emcas_fmu.actuators import NONLINEAR
-
 
 def slow(*cases: Any) -> list[Any]:
     """Return cases for `parametrize`, all marked slow; a tuple contains several arguments."""
@@ -18,12 +16,3 @@ def slow(*cases: Any) -> list[Any]:
 def others_slow(cases: Iterable[Any], quick: Callable[[Any], bool]) -> list[Any]:
     """Return cases for `parametrize`; those for which `quick` is false are marked slow."""
     return [case if quick(case) else slow(case)[0] for case in cases]
-
-
-def is_plain(model: str) -> bool:
-    """Return whether a model is an actuator without extensions, or the default actuator with some.
-
-    Together, these contain every actuator and every extension.
-    """
-    actuator, *extensions = model.split("+")
-    return actuator == NONLINEAR or not extensions

@@ -18,12 +18,9 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Record) -> Values:
 
 
 ACTUATOR = Actuator(
-    name="stick-slip",
-    title="fin on a spring with dry friction",
-    states=FIN,
+    name="stick-slip", title="fin on a spring with dry friction", states=FIN,
     parameters=(parameter("spring.stiffness", "N.m/rad", 0.0, 1e6, "stiffness of the spring"),
                 parameter("friction.fin_coulomb", "N.m", 0.0, 1e3, "dry friction")),
-    values={"spring.stiffness": 600.0, "friction.fin_coulomb": 24.0, "inertia.fin": 0.06},
-    derivatives=derivatives,
+    values={"spring.stiffness": 600.0, "friction.fin_coulomb": 24.0, "inertia.fin": 0.06}, derivatives=derivatives,
     discontinuities=(Coulomb("friction", "fin_rate", "friction.fin_coulomb"),),
 )

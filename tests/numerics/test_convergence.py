@@ -109,8 +109,7 @@ def test_delay_is_exact_for_any_fraction_of_a_tick(values: Mapping[str, Any]) ->
         assert core.outputs(inputs)[current] > 1.0  # 39 V/0.6 mH raise 3.2 A in 50 us
 
 
-@pytest.mark.parametrize("integral_gain", others_slow(
-    [0.0, 5.0, 20.0, 100.0, 2083.0, 1e5], lambda gain: gain == 0.0))
+@pytest.mark.parametrize("integral_gain", others_slow([0.0, 5.0, 20.0, 100.0, 2083.0, 1e5], lambda gain: gain == 0.0))
 def test_any_integral_gain_of_the_drive_agrees_with_the_reference(values: Mapping[str, Any], integral_gain: float
                                                                   ) -> None:
     """From 0 to a gain that keeps the drive's demand at the voltage limit, against the independent integration."""

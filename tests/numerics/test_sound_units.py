@@ -17,8 +17,7 @@ from emcas_fmu.simulation import Array, simulate
 
 BASE = load_parameters()
 DEFAULT: Mapping[str, Any] = BASE.values
-CASES = {case.name: case for case in files.cases(BASE.model, DEFAULT)
-         if case.name in ("cold", "step", "load_opposing")}
+CASES = {case.name: case for case in files.cases(BASE.model, DEFAULT) if case.name in ("cold", "step", "load_opposing")}
 FRICTION = tuple(name for name in DEFAULT if name.startswith(("friction.coulomb.", "friction.viscous.")))
 # A motor of small inductance, whose current reverses within a tick, and gains for it.
 SMALL = {"kinematics.moment_arm": 0.042, "screw.lead": 2.5e-3 / (2.0 * pi), "inertia.motor": 3.1e-5,

@@ -25,8 +25,7 @@ PROGRAMS = "Scripts" if os.name == "nt" else "bin"
 # The README's commands that need no extra; MODELS is the installed folder of data, RECORDS the user's.
 COMMANDS = (
     "emcas --help", "emcas parameters --sets", "emcas parameters -p drive-pi",
-    "emcas build", "emcas validate EMCAS.fmu --report report.html",
-    "fmpy validate EMCAS.fmu", "fmpy info EMCAS.fmu",
+    "emcas build", "emcas validate EMCAS.fmu --report report.html", "fmpy validate EMCAS.fmu", "fmpy info EMCAS.fmu",
     "fmpy simulate EMCAS.fmu --input-file MODELS/reference/EMCAS_step_in.csv --output-file out.csv",
     "emcas simulate --step 10 --torque -50 --plot response.html",
     "emcas build --backend native --cc CC --output Native.fmu", "fmpy validate Native.fmu",

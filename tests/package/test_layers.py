@@ -93,8 +93,7 @@ def test_no_modules_import_each_other() -> None:
 def test_circle_of_imports_is_found() -> None:
     one, other = "emcas_fmu.bench.measure", "emcas_fmu.bench.subject"
     assert circle({one: "from .subject import Subject", other: "def f():\n    from . import measure"})
-    assert not circle({one: "from .subject import Subject",
-                       other: "if TYPE_CHECKING:\n    from .measure import Test"})
+    assert not circle({one: "from .subject import Subject", other: "if TYPE_CHECKING:\n    from .measure import Test"})
 
 
 @pytest.mark.parametrize(("modules", "heavy"), [

@@ -149,8 +149,7 @@ def _set(slave: Slave, name: str, value: Any) -> None:
     {"Real": slave.set_real, "Boolean": slave.set_boolean, "Integer": slave.set_integer}[kind]([INDEX[name]], [value])
 
 
-@settings(derandomize=True, max_examples=50,
-          suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(derandomize=True, max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(rates=st.tuples(*(st.floats(-1.0, 1.0) for _ in range(7))), sizes=st.lists(
     st.sampled_from([2e-4, 1e-3, 1.7e-3, 5e-3]), min_size=1, max_size=15))
 def test_input_derivatives(library: Fmu, values: Mapping[str, Any], rates: tuple[float, ...], sizes: list[float]

@@ -19,8 +19,7 @@ from tests.default_actuator import ACTUATOR, PARAMETERS, namespace
 
 from ..simulation import NAMES, inputs_at_rest, new_core, simulate
 
-COMMON = settings(derandomize=True, max_examples=30,
-                  suppress_health_check=[HealthCheck.function_scoped_fixture])
+COMMON = settings(derandomize=True, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 angles = st.floats(-0.5, 0.5)
 loads = st.floats(-300.0, 300.0)
 Profile = list[tuple[float, float, bool, float]]  # fin command, load, enable, supply; 5 ms or five steps each

@@ -36,8 +36,7 @@ _ONE_SIDED = np.radians(np.interp(PHASE % 0.5, [0.0, 0.15, 0.15, 0.35, 0.5], [20
 # Inputs over one second of use each. Inputs that an actuator does not have are left out; `supply` is a share of its
 # start value.
 HISTORIES: Mapping[str, Columns] = {
-    "one-sided cycles": {"fin_command": _ONE_SIDED},
-    "cycles to the other side": {"fin_command": -_ONE_SIDED},
+    "one-sided cycles": {"fin_command": _ONE_SIDED}, "cycles to the other side": {"fin_command": -_ONE_SIDED},
     "stall": {"aero_torque": np.where(PHASE < 0.9, 450.0, 0.0)},
     "stall the other way": {"aero_torque": np.where(PHASE < 0.9, -450.0, 0.0)},
     "disabled in between": {"fin_command": np.radians(np.where(PHASE < 0.5, 15.0, -10.0)),
@@ -52,8 +51,7 @@ histories = st.lists(st.sampled_from(sorted(HISTORIES)), min_size=1, max_size=6)
 OPTIONS: Mapping[str, Mapping[str, Any]] = {
     "load observer": {"controller.load_observer": 100.0},
     "P position": {"controller.position.ki": 0.0, "controller.position.setpoint_weight": 1.0},
-    "PI velocity": {"controller.velocity.ki": 0.4},
-    "slow PI velocity": {"controller.velocity.ki": 1e-3},
+    "PI velocity": {"controller.velocity.ki": 0.4}, "slow PI velocity": {"controller.velocity.ki": 1e-3},
     "P position, PI velocity": {"controller.position.ki": 0.0, "controller.position.setpoint_weight": 1.0,
                                 "controller.velocity.ki": 0.4},
     "setpoint weight 1": {"controller.position.setpoint_weight": 1.0},

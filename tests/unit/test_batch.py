@@ -85,7 +85,7 @@ def test_varied_parameters_equal_a_set_for_each_actuator() -> None:
     name, values = "friction.temperature", np.array([24.0, 0.0, -20.0])
     varied, sets = Batch(BASE, 3, varied={name: values}), Batch([BASE.with_values({name: v}) for v in values])
     angles = [batch.run(0.05, fin_command=0.2)["fin_angle"] for batch in (varied, sets)]
-    np.testing.assert_array_equal(*angles)
+    np.testing.assert_array_equal(angles[0], angles[1])
     assert len(set(angles[0])) == 3
     supplied = Batch(BASE, 2, varied={"drive.supply_voltage": np.array([39.0, 20.0])})
     assert len(set(supplied.run(0.02, fin_command=0.4)["fin_rate"])) == 2

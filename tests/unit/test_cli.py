@@ -83,8 +83,7 @@ def test_build_writes_an_fmu_or_refuses(tmp_path: Path) -> None:
     assert "GUID" in done.output
     assert target.is_file()
     for arguments, message in (
-        (("--output", tmp_path / "x.zip"), ".fmu"),
-        (("--output", tmp_path / "none" / "x.fmu"), "no folder"),
+        (("--output", tmp_path / "x.zip"), ".fmu"), (("--output", tmp_path / "none" / "x.fmu"), "no folder"),
         (("--backend", "cobol", "--output", target), "choose python or native"),
         (("--platform", "linux64", "--output", target), "are for backend native"),
         (("--backend", "native", "--platform", "vax", "--output", target), "choose from linux64, win64, darwin64"),

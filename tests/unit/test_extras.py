@@ -13,8 +13,7 @@ from emcas_fmu.support import extras
 from emcas_fmu.support.files import models_directory
 from tests.marks import others_slow
 
-EXTRAS = {"analysis": ("control", "casadi"), "campaign": ("filelock", "pyarrow", "distributed"),
-          "native": ("ziglang",)}
+EXTRAS = {"analysis": ("control", "casadi"), "campaign": ("filelock", "pyarrow", "distributed"), "native": ("ziglang",)}
 EVERY = [module for modules in EXTRAS.values() for module in modules]
 MODELS = models_directory()
 RECORDS = Path(__file__).resolve().parents[2] / "examples/identification_bench/records"

@@ -57,8 +57,7 @@ def test_every_command_is_listed_in_a_panel_by_its_summary() -> None:
 def test_table_shows_units_and_numbers() -> None:
     """Brackets are printed, numbers have four digits, None is a dash, and names are complete."""
     with common.out.capture() as shown:
-        common.out.print(common.table(["of", ">[deg]"], [["a_name[1]", 1.23456], ["[b]", None]], "Rates [1]"),
-                         width=18)
+        common.out.print(common.table(["of", ">[deg]"], [["a_name[1]", 1.23456], ["[b]", None]], "Rates [1]"), width=18)
     rows = [[cell.strip() for cell in line.strip("\u2502\u2503").replace("\u2503", "\u2502").split("\u2502")]
             for line in shown.get().splitlines() if set(line) & set("\u2502\u2503")]
     assert "Rates [1]" in shown.get()

@@ -20,27 +20,22 @@ from tests.commands import refusal
 FILES = {
     "analyse -p bad.toml": ("--json .json", "--report .html"),
     "baseline check bad.toml -b base": ("--json .json", "--junit .xml", "--markdown", "--report .html"),
-    "build -p bad.toml": ("-o .fmu",),
-    "calibrate bad.csv --free x": ("-o .toml", "--report .html", "--json .json"),
-    "campaign bad.toml": ("--json .json", "--report .html"),
-    "campaign bad.toml --only 1": ("--json .json",),
+    "build -p bad.toml": ("-o .fmu",), "calibrate bad.csv --free x": ("-o .toml", "--report .html", "--json .json"),
+    "campaign bad.toml": ("--json .json", "--report .html"), "campaign bad.toml --only 1": ("--json .json",),
     "compare bad.toml": ("--json .json", "--report .html"),
-    "envelope -p bad.toml": ("-o .csv", "--plot .svg", "--json .json"),
-    "explore -p bad.toml": ("-o .html",),
+    "envelope -p bad.toml": ("-o .csv", "--plot .svg", "--json .json"), "explore -p bad.toml": ("-o .html",),
     "fit -p bad.toml": ("-o .toml", "--json .json"),
     **{f"identify {kind} bad.csv -p bad.toml": ("-o .toml", "--report .html", "--json .json")
        for kind in ("friction", "drive", "backlash", "inertia")},
     "report bad.toml": ("-o .html", "--json .json", "--junit .xml"),
     "simulate --input bad.csv -p bad.toml": ("-o .csv", "--plot .svg", "--json .json"),
-    "ssp --fmu bad.fmu": ("-o .ssp",),
-    "ssp check bad.ssp": ("--json .json",),
+    "ssp --fmu bad.fmu": ("-o .ssp",), "ssp check bad.ssp": ("--json .json",),
     "tune bad.toml -p bad.toml": ("-o .toml", "--report .html", "--json .json", "--journal"),
     "validate bad.fmu": ("--json .json", "--junit .xml", "--report .html"),
 }
 OPTIONS = [(command, option) for command, options in FILES.items() for option in options]
 each_file = pytest.mark.parametrize(("command", "option"), OPTIONS)
-FOLDERS = {"baseline record bad.toml": "-o", "campaign bad.toml": "-o",
-           "reference -p bad.toml": "--directory"}
+FOLDERS = {"baseline record bad.toml": "-o", "campaign bad.toml": "-o", "reference -p bad.toml": "--directory"}
 
 
 @pytest.fixture(autouse=True)

@@ -110,8 +110,7 @@ def test_notes_contain_the_alternative_current_loop() -> None:
 def test_example_in_the_default_file_works(load: Load) -> None:
     comment = (models_directory() / "emcas.toml").read_text(encoding="utf-8").split("\n\n")[0]
     chosen = load("\n".join(re.findall(r"^#   (\[.*|\w+ = .*)", comment, re.MULTILINE)))
-    changed = {e.variable.name: (e.value, e.source, e.note)
-               for e in chosen.entries if e not in DEFAULTS.entries}
+    changed = {e.variable.name: (e.value, e.source, e.note) for e in chosen.entries if e not in DEFAULTS.entries}
     assert changed == {"kinematics.moment_arm": (0.05, "user", ""),
                        "motor.resistance": (0.24, "datasheet", "line to line")}
 
@@ -251,8 +250,7 @@ def test_empty_file_and_default_file_give_the_defaults(load: Load) -> None:
     ('kinematics.moment_am = "50 mm"', ["kinematics.moment_am = 50 mm", "unknown parameter",
                                         "did you mean kinematics.moment_arm?"]),
     ('[kinematic]\nmoment_arm = "50 mm"', ["kinematic.moment_arm", "did you mean kinematics.moment_arm?"]),
-    ("[nonsense]", ["nonsense = {}", "unknown parameter"]),
-    ("qqqq = 1", ["qqqq = 1: unknown parameter"]),
+    ("[nonsense]", ["nonsense = {}", "unknown parameter"]), ("qqqq = 1", ["qqqq = 1: unknown parameter"]),
     ('friction.coulomb = "0.2 N*m"', ["friction.coulomb = 0.2 N*m", "group", "friction.coulomb.positive"]),
     ("kinematics = 5", ["kinematics = 5", "group", "kinematics.moment_arm"]),
     ('mass.fin = { valu = 4, unit = "kg" }', ["mass.fin", "unknown field 'valu'", "did you mean value?"]),
@@ -354,8 +352,7 @@ def test_message_contains_every_problem_and_survives_pickling(load: Load) -> Non
 
 
 @pytest.mark.parametrize(("content", "fragment"), [
-    (b"mass.fin = = 3", "is not valid TOML: Invalid value (at line 1"),
-    (b"[a]\n[a]\n", "is not valid TOML"),
+    (b"mass.fin = = 3", "is not valid TOML: Invalid value (at line 1"), (b"[a]\n[a]\n", "is not valid TOML"),
     (b"mass.fin = '\xff'", "cannot be read: it is not a text file in UTF-8"),
     (b"mass.fin = " + b"[" * 100_000, "is not valid TOML"),
 ])
@@ -498,10 +495,8 @@ def test_with_values_accepts_numbers_texts_and_arrays() -> None:
     )
     changed = {n: v for n, v in chosen.values.items() if v != DEFAULTS.values[n]}
     assert changed == {
-        "command.limit": 0.3, "kinematics.moment_arm": 0.06, "encoder.pulses": 1000,
-        "encoder.enabled": False,
-        "friction.temperature": -6.0,
-        "friction.coulomb.positive[0]": 0.3, "friction.coulomb.positive[1]": 0.0,
+        "command.limit": 0.3, "kinematics.moment_arm": 0.06, "encoder.pulses": 1000, "encoder.enabled": False,
+        "friction.temperature": -6.0, "friction.coulomb.positive[0]": 0.3, "friction.coulomb.positive[1]": 0.0,
         "friction.coulomb.positive[2]": 0.0, "friction.coulomb.positive[3]": 0.0,
         "friction.coulomb.positive[4]": 0.0, "friction.coulomb.positive[6]": 0.01,
     }
@@ -571,8 +566,7 @@ def test_rules_need_only_the_standard_library() -> None:
     folder = Path(rules.__file__).parents[1]
     program = (f"import sys; sys.path.insert(0, {str(folder)!r}); "
                "import emcas_fmu.rules as module; print(module.__file__)")
-    done = subprocess.run([sys.executable, "-I", "-S", "-c", program],
-                          capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-I", "-S", "-c", program], capture_output=True, text=True, check=False)
     assert (done.stdout.strip(), done.stderr) == (rules.__file__, "")
 
 
@@ -647,8 +641,7 @@ def test_non_finite_values_are_reported_before_combinations() -> None:
 def test_several_inconsistencies_are_reported() -> None:
     found = check_combinations({**DEFAULTS.values, "fin.stop_angle": 0.1, "fin.start_angle": 0.2,
                                 "encoder.multiplier": 3}, ACTUATOR)
-    assert [problem.split(" = ")[0] for problem in found] == [
-        "fin.stop_angle", "fin.start_angle", "encoder.multiplier"]
+    assert [problem.split(" = ")[0] for problem in found] == ["fin.stop_angle", "fin.start_angle", "encoder.multiplier"]
 
 
 @pytest.mark.parametrize("inside", [True, False], ids=["installed", "checkout"])

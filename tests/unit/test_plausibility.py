@@ -52,21 +52,18 @@ def test_no_named_set_warns(name: str) -> None:
     ({"friction.fin_coulomb": 190.0}, ""),
     ({"drive.current_limit": 82.0}, "is never reached"),  # of 81.9 A
     ({"encoder.pulses": 7}, "deg of the fin"),  # 360 deg/28 l/d = 0.2046 deg of 0.2 deg
-    ({"encoder.pulses": 8}, ""),
-    ({"encoder.pulses": 450, "encoder.on_fin": True}, ""),
+    ({"encoder.pulses": 8}, ""), ({"encoder.pulses": 450, "encoder.on_fin": True}, ""),
     ({"encoder.pulses": 440, "encoder.on_fin": True}, "deg of the fin"),  # 0.2045 deg
     ({"controller.velocity.kp": 0.074}, ""),
     ({"controller.velocity.kp": 0.0753}, "cost 60.7 deg of phase"),  # 60 deg at 0.07444 of 131.4 rad/s at 0.0439
-    ({"drive.transport_delay": 7.1e-3}, "will ring"),
-    ({"motor.inductance": 0.045}, ""),
+    ({"drive.transport_delay": 7.1e-3}, "will ring"), ({"motor.inductance": 0.045}, ""),
     ({"motor.inductance": 0.047}, "motor.inductance = 0.047 H"),  # 30 times 0.25 Ohm times 6.219 ms is 46.6 mH
     # A longer sample, 6.4 ms, raises the limit to 48 mH. The lower gain keeps the velocity loop's phase margin.
     ({"motor.inductance": 0.047, "controller.sample_time": 6.4e-3, "controller.velocity.kp": 0.03}, ""),
     ({"motor.resistance": 0.0201}, ""),
     ({"motor.resistance": 0.0199}, "1 mH is 1e-3 H"),  # 0.6 mH over 0.02 Ohm is 30 samples
     ({"fin.stop_angle": radians(20.0)}, "by less than 0.01 of that limit"),
-    ({"fin.stop_angle": radians(20.19)}, "the stop hides an overshoot"),
-    ({"fin.stop_angle": radians(20.21)}, ""),
+    ({"fin.stop_angle": radians(20.19)}, "the stop hides an overshoot"), ({"fin.stop_angle": radians(20.21)}, ""),
     ({"controller.speed_limit": 354.0}, ""),
     ({"controller.speed_limit": 355.0}, "never reaches"),  # 39 V over 0.11 V.s/rad is 354.5 rad/s
     ({"motor.resistance": 0.64}, ""),

@@ -69,8 +69,7 @@ def test_fin_on_a_stiff_bus_moves_as_alone(model: str) -> None:
     """To the bit, since nothing couples the fins."""
     sets = fin_sets(load_parameters(model=model), 2, "cross", {})
     inputs: dict[str, Any] = {"fin_command": lambda t: 0.1 * (t > 0.005), "aero_torque": -20.0}
-    both = simulate_fins([each.values for each in sets], 0.03, model=model,
-                         **{**inputs, "fin[2].fin_command": 0.0})
+    both = simulate_fins([each.values for each in sets], 0.03, model=model, **{**inputs, "fin[2].fin_command": 0.0})
     for fin, signals in ((1, inputs), (2, {**inputs, "fin_command": 0.0})):
         alone = simulate(sets[fin - 1].values, 0.03, kernel="python", model=model, **signals)
         assert all(np.array_equal(both[f"fin[{fin}].{v.name}"], alone[v.name]) for v in get(model).outputs)
@@ -179,8 +178,7 @@ def test_statuses_and_faults_are_shown_by_name() -> None:
     assert "tracking" in lines["built_in_test"][1]
     assert "fault_word_final" not in lines
     with style():
-        ticks = {axes.get_ylabel(): [label.get_text() for label in axes.get_yticklabels()]
-                 for axes in run.plot().axes}
+        ticks = {axes.get_ylabel(): [label.get_text() for label in axes.get_yticklabels()] for axes in run.plot().axes}
     assert ticks["fault word"] == ["jam"]
     assert "operational" in ticks["status"]
     assert "tracking" in ticks["built in test"]

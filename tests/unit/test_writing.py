@@ -242,14 +242,12 @@ WRITERS = {"write_text", "write_bytes", "savefig", "savetxt", "savez", "savez_co
            "to_parquet", "to_excel", "tofile", "write_table", "NamedTemporaryFile", "TemporaryFile", "mkstemp",
            "rename", "imsave", "dump", "symlink_to", "hardlink_to", "fdopen"}
 ALLOWED = {
-    ("support/writing.py", "TemporaryFile"): "tries a folder",
-    ("support/writing.py", "fdopen"): "standard output",
+    ("support/writing.py", "TemporaryFile"): "tries a folder", ("support/writing.py", "fdopen"): "standard output",
     ("support/writing.py", "open"): "the only place that opens files for writing",
     ("support/files.py", "TemporaryFile"): "tries a folder of the cache",
     ("runtime/compiler.py", "write_text"): "sources in a temporary folder of the compiler's",
     ("figures/plots.py", "savefig"): "to a string, and to a file of `whole`",
-    ("bench/writers.py", "savetxt"): "to a file of `whole`",
-    ("reference/files.py", "savetxt"): "to memory",
+    ("bench/writers.py", "savetxt"): "to a file of `whole`", ("reference/files.py", "savetxt"): "to memory",
     ("studies/campaign/store.py", "write_table"): "to memory",
     ("commands/group.py", "open"): "/dev/null, in place of a standard output that cannot be written",
 }
