@@ -107,13 +107,13 @@ def _changed(node: ast.AST, text: bytes, begins: Sequence[int]) -> tuple[int, in
 
 def _in_c(text: str) -> Iterator[tuple[int, int, str]]:
     """Yield begin, end and new text of the changes of C code, except in comments, texts and preprocessor lines."""
-    code = _NO_C.sub(lambda found: " " * len(found[0]), text)
-    for found in _C.finditer(code):
-        word = found[0]
+    code = _NO_C.sub(lambda match: " " * len(match[0]), text)
+    for match in _C.finditer(code):
+        word = match[0]
         if word in _C_SWAPPED:
-            yield found.start(), found.end(), _C_SWAPPED[word]
+            yield match.start(), match.end(), _C_SWAPPED[word]
         else:
-            yield found.start(), found.end(), repr(float(word) * 1.1 or 0.1) if "." in word else str(int(word) + 1)
+            yield match.start(), match.end(), repr(float(word) * 1.1 or 0.1) if "." in word else str(int(word) + 1)
 
 
 def mutants(under: Sequence[str] = UNDER, root: Path = ROOT, c: bool = False) -> list[Mutant]:

@@ -137,17 +137,17 @@ def test_moving_voltage_limit_agrees_with_the_reference(values: Mapping[str, Any
     time = np.arange(701) * 1e-3
     inputs = {**_slews(time), "aero_torque": np.where(time > 0.0195, load, 0.0)}
     reference = reference_of(case, {"time": time, **inputs})
-    found = simulate(case, 0.7, **inputs)
-    assert degrees(np.abs(found["fin_angle"] - reference["fin_angle"]).max()) < CRITERION
+    run = simulate(case, 0.7, **inputs)
+    assert degrees(np.abs(run["fin_angle"] - reference["fin_angle"]).max()) < CRITERION
     # The current is up to 58 A. The instants at which it reaches or leaves a limit within a tick are not more accurate.
-    assert np.abs(found["motor_current"] - reference["motor_current"]).max() < 0.2
-    speed, current = found["motor_speed"], found["motor_current"]
+    assert np.abs(run["motor_current"] - reference["motor_current"]).max() < 0.2
+    speed, current = run["motor_speed"], run["motor_current"]
     limit = np.sqrt(np.append(inputs["supply_voltage"][:1], inputs["supply_voltage"][:-1])**2
                     - (4.0 * speed * case["motor.inductance"] * current)**2)
     assert limit.min() < 25.0
-    assert np.all(np.abs(found["motor_voltage"]) <= limit * (1.0 + 1e-12))
-    limited = np.abs(found["motor_voltage"]) > limit * (1.0 - 1e-12)
-    assert np.all(found["saturated"][limited] == 1.0)
+    assert np.all(np.abs(run["motor_voltage"]) <= limit * (1.0 + 1e-12))
+    limited = np.abs(run["motor_voltage"]) > limit * (1.0 - 1e-12)
+    assert np.all(run["saturated"][limited] == 1.0)
 
 
 def test_moving_voltage_limit_keeps_second_order(values: Mapping[str, Any]) -> None:
@@ -198,8 +198,8 @@ def test_trajectory_with_the_encoder_converges_to_the_reference(values: Mapping[
     reference = reference_of(values, inputs)["fin_angle"]
 
     def error(tick: float) -> float:
-        found = simulate({**values, "solver.max_tick": tick}, 0.35, fin_command=inputs["fin_command"])["fin_angle"]
-        return degrees(float(np.abs(found - reference).max()))
+        angle = simulate({**values, "solver.max_tick": tick}, 0.35, fin_command=inputs["fin_command"])["fin_angle"]
+        return degrees(float(np.abs(angle - reference).max()))
 
     # Less than one count of the encoder, 0.7 thousandths of a degree.
     assert min(error(1e-5), error(5e-6), error(2e-6)) < 1e-4

@@ -75,19 +75,19 @@ OBJECTS: dict[str, Any] = {"Response": RESPONSE, "ParameterSet": BASE, "Excitati
 
 def _public() -> dict[str, Callable[..., Any]]:
     """Return the interface's functions, classes and methods by name, including functions that return an excitation."""
-    found: dict[str, Callable[..., Any]] = {"excitations.times": excitations.times}
+    public: dict[str, Callable[..., Any]] = {"excitations.times": excitations.times}
     for name in emcas_fmu.__all__:
         each = getattr(emcas_fmu, name)
         if isinstance(each, ModuleType):
-            found |= {f"{name}.{key}": member for key, member in vars(each).items()
+            public |= {f"{name}.{key}": member for key, member in vars(each).items()
                       if isinstance(member, FunctionType) and not key.startswith("_")
                       and member.__module__ == each.__name__
                       and member.__annotations__.get("return") in ("Excitation", "Actuator")}
             continue
-        found[name] = each
-        found |= {f"{name}.{key}": member for key, member in vars(each).items() if isinstance(member, FunctionType)
+        public[name] = each
+        public |= {f"{name}.{key}": member for key, member in vars(each).items() if isinstance(member, FunctionType)
                   and (not key.startswith("_") or key == "__getitem__")} if isinstance(each, type) else {}
-    return found
+    return public
 
 
 PUBLIC = _public()

@@ -125,8 +125,8 @@ def test_threads_give_the_same_outputs_and_progress_ends_at_its_total() -> None:
         worker.join()
     for batch in batches[1:]:
         np.testing.assert_array_equal(batch.outputs["fin_angle"], batches[0].outputs["fin_angle"])
-    assert {(what, done == total) for what, done, total in progress} >= {("preparing actuators", True),
-                                                                     ("moving actuators", True)}
+    assert {(task, done == total) for task, done, total in progress} >= {
+        ("preparing actuators", True), ("moving actuators", True)}
 
 
 def test_interrupt_ends_all_threads() -> None:

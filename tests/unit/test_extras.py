@@ -21,7 +21,7 @@ NEEDED = {"analyse": "analysis", "tune": "analysis", f"campaign {MODELS}/campaig
           "build --backend native": "native", "explore": "native", "ssp": "native"}
 BASE = ("parameters", "build", "envelope --plot e.svg --json e.json -o e.csv", "simulate --step 5 --plot s.html",
         "fit", f"identify backlash {RECORDS}/backlash.csv --report b.html",
-        "reference --case step_plus1 --directory made", f"campaign {MODELS}/campaign.toml --only 3")
+        "reference --case step_plus1 --directory refs", f"campaign {MODELS}/campaign.toml --only 3")
 
 
 def without(modules: list[str], command: str, folder: Path) -> subprocess.CompletedProcess[str]:

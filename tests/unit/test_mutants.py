@@ -28,14 +28,14 @@ C_CHANGED = {"x[2] <= 0.5 && *x) *x += 2.0 - g", "x[1] > 0.5 && *x) *x += 2.0 - 
 
 def test_each_change_of_python_is_made_and_undone(tmp_path: Path) -> None:
     (tmp_path / "f.py").write_text(SOURCE, encoding="utf-8")
-    found = set()
+    changes = set()
     for mutant in mutants(["f.py"], tmp_path):
         with applied(mutant, tmp_path) as change:
             lines = (tmp_path / "f.py").read_text(encoding="utf-8").splitlines()
             assert [new for new, old in zip(lines, SOURCE.splitlines()) if new != old] == [lines[mutant.line - 1]]
-            found.add(change.split(" -> ")[1])
+            changes.add(change.split(" -> ")[1])
         assert (tmp_path / "f.py").read_text(encoding="utf-8") == SOURCE
-    assert found == CHANGED
+    assert changes == CHANGED
 
 
 def test_each_change_of_c_is_made(tmp_path: Path) -> None:

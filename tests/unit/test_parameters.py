@@ -314,22 +314,22 @@ def test_empty_file_and_default_file_give_the_defaults(load: Load) -> None:
     ('fin.stop_angle = "19 deg"', ["fin.stop_angle = 0.331613 rad (19 deg)", "command.limit", "(20 deg)"]),
 ])
 def test_problem_names_file_key_value_and_remedy(load: Load, text: str, fragments: list[str]) -> None:
-    found = problems(load, text)
-    assert len(found) == 1
-    assert re.match(r".*mine\.toml: ", found[0])
+    reported = problems(load, text)
+    assert len(reported) == 1
+    assert re.match(r".*mine\.toml: ", reported[0])
     for fragment in fragments:
-        assert fragment in found[0]
+        assert fragment in reported[0]
 
 
 def test_all_problems_of_a_file_are_reported(load: Load) -> None:
-    found = problems(load, """
+    reported = problems(load, """
         kinematics.moment_arm = 0.05
         motor.resistanc = "1 Ohm"
         encoder.enabled = 1
         friction.coulomb.positive = [0.2, "0 m", "0 N*m", "0 N*m", "0 N*m", "0 N*m", "99 N*m"]
         mass.fin = "4 kg"
     """)
-    keys = [problem.split("mine.toml: ")[1].split(" = ")[0] for problem in found]
+    keys = [problem.split("mine.toml: ")[1].split(" = ")[0] for problem in reported]
     assert keys == ["kinematics.moment_arm", "motor.resistanc", "encoder.enabled",
                     "friction.coulomb.positive[0]",
                     "friction.coulomb.positive[1]", "friction.coulomb.positive[6]"]
@@ -393,14 +393,14 @@ def test_faulty_default_file_is_refused(tmp_path: Path, monkeypatch: pytest.Monk
 @given(st.text(alphabet=st.characters(codec="utf-8"), max_size=12), st.sampled_from(sorted(VARIABLES)))
 def test_any_text_gives_a_value_or_a_parameter_error(text: str, name: str) -> None:
     for written in (text, f"1 {text}"):
-        found: tuple[str, ...] = ()
+        reported: tuple[str, ...] = ()
         chosen = DEFAULTS
         try:
             chosen = DEFAULTS.with_values({name: written})
         except ParameterError as error:
-            found = error.problems
+            reported = error.problems
         # A problem of a combination names all its parameters, arrays without index.
-        assert all(name.partition("[")[0] in problem for problem in found)
+        assert all(name.partition("[")[0] in problem for problem in reported)
         assert VARIABLES[name].minimum <= chosen.values[name] <= VARIABLES[name].maximum
 
 
@@ -627,21 +627,21 @@ def test_combinations_up_to_their_limit_are_accepted(changes: dict[str, float]) 
     (coulomb("positive", 0.0009, -0.02, 0.1), ["-0.0001 N.m at fin_angle = 0.0349066 rad (2 deg)"]),
 ])
 def test_inconsistent_combination_is_reported(changes: dict[str, float], fragments: list[str]) -> None:
-    found = check_combinations({**DEFAULTS.values, **changes}, ACTUATOR)
-    assert len(found) == 1
+    reported = check_combinations({**DEFAULTS.values, **changes}, ACTUATOR)
+    assert len(reported) == 1
     for fragment in fragments:
-        assert fragment in found[0]
+        assert fragment in reported[0]
 
 
 def test_non_finite_values_are_reported_before_combinations() -> None:
-    found = check_parameters({**DEFAULTS.values, "mass.fin": nan, "fin.stop_angle": -inf, "encoder.multiplier": 3})
-    assert found == ["mass.fin = nan is not a finite number", "fin.stop_angle = -inf is not a finite number"]
+    reported = check_parameters({**DEFAULTS.values, "mass.fin": nan, "fin.stop_angle": -inf, "encoder.multiplier": 3})
+    assert reported == ["mass.fin = nan is not a finite number", "fin.stop_angle = -inf is not a finite number"]
 
 
 def test_several_inconsistencies_are_reported() -> None:
-    found = check_combinations({**DEFAULTS.values, "fin.stop_angle": 0.1, "fin.start_angle": 0.2,
+    reported = check_combinations({**DEFAULTS.values, "fin.stop_angle": 0.1, "fin.start_angle": 0.2,
                                 "encoder.multiplier": 3}, ACTUATOR)
-    assert [problem.split(" = ")[0] for problem in found] == ["fin.stop_angle", "fin.start_angle", "encoder.multiplier"]
+    assert [problem.split(" = ")[0] for problem in reported] == ["fin.stop_angle", "fin.start_angle", "encoder.multiplier"]
 
 
 @pytest.mark.parametrize("inside", [True, False], ids=["installed", "checkout"])

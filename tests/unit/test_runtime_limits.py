@@ -94,22 +94,23 @@ def test_corrupt_state_of_several_fins_is_refused(model: str) -> None:
     fins = codegen.multi_fin([values] * 2, line, model)
     row = [v.initial(values) for v in get(model).inputs]
     inputs = [codegen.core_inputs(core, row, get(model)) for core in fins.cores]
-    of_line, drawn, instant, states = fins.state
+    of_line, currents, instant, states = fins.state
     assert fins.unsound(fins.state, 0.0, inputs[0]) == ""
-    for state, message in (((of_line, drawn, instant), "wrong number of values"),
-                           ([of_line, drawn, instant, states], "wrong number of values"),
-                           ((of_line, drawn, instant, states[:1]), "wrong number of fins"),
-                           ((of_line, drawn, instant, (states[0], states[1][:-1])), "wrong number of values"),
-                           ((np.nan, drawn, instant, states), "impossible state of the supply's line"),
-                           ((of_line, (*drawn[:-1], np.nan), instant, states), "impossible state of the supply's line"),
-                           ((of_line, drawn, 0, states), "impossible time of the supply's line"),
-                           ((of_line, drawn, 1.0, states), "impossible time of the supply's line")):
+    impossible = "impossible state of the supply's line", "impossible time of the supply's line"
+    for state, message in (((of_line, currents, instant), "wrong number of values"),
+                           ([of_line, currents, instant, states], "wrong number of values"),
+                           ((of_line, currents, instant, states[:1]), "wrong number of fins"),
+                           ((of_line, currents, instant, (states[0], states[1][:-1])), "wrong number of values"),
+                           ((np.nan, currents, instant, states), impossible[0]),
+                           ((of_line, (*currents[:-1], np.nan), instant, states), impossible[0]),
+                           ((of_line, currents, 0, states), impossible[1]),
+                           ((of_line, currents, 1.0, states), impossible[1])):
         assert fins.unsound(state, 0.0, inputs[0]) == message
     if line:  # the next instant is at most one interval ahead, and never in the past
         period = fins.cores[0].schedule[0]
         for now, index, valid in ((0.0, 1, True), (0.0, 2, False), (-0.9e-9, 1, True), (-1.1e-9, 1, False),
                                   (0.5 * period, 1, period <= 2e-3)):
-            state = (of_line, drawn, index, tuple(core.state for core in fins.cores))
+            state = (of_line, currents, index, tuple(core.state for core in fins.cores))
             assert (fins.unsound(state, now, inputs[0]) == "") == valid
     assert fins.slack == min(core.slack for core in fins.cores)
 
