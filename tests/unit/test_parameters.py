@@ -641,7 +641,8 @@ def test_non_finite_values_are_reported_before_combinations() -> None:
 def test_several_inconsistencies_are_reported() -> None:
     reported = check_combinations({**DEFAULTS.values, "fin.stop_angle": 0.1, "fin.start_angle": 0.2,
                                 "encoder.multiplier": 3}, ACTUATOR)
-    assert [problem.split(" = ")[0] for problem in reported] == ["fin.stop_angle", "fin.start_angle", "encoder.multiplier"]
+    names = [problem.split(" = ")[0] for problem in reported]
+    assert names == ["fin.stop_angle", "fin.start_angle", "encoder.multiplier"]
 
 
 @pytest.mark.parametrize("inside", [True, False], ids=["installed", "checkout"])
