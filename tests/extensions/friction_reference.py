@@ -1,6 +1,7 @@
-"""The actuator in closed loop by SciPy, from equations in the fin's own angle, under friction of one's choice.
+"""Independent integrations of the actuator with Stribeck or LuGre friction in closed loop, by SciPy.
 
-Encoder and compensation are off, the delay is a whole number of samples, and the voltage stays within its limit.
+The equations are written in the fin angle. Encoder and compensation are off, the delay is a whole number of samples,
+and the voltage stays within its limit.
 """
 
 from __future__ import annotations
@@ -37,11 +38,11 @@ class Plant:
         return float(sum(self.v[f"friction.coulomb.{name}[{n}]"] * (angle / radians(20.0))**n for n in range(7)))
 
     def applied(self, y: Any) -> float:
-        """Torque at the motor but for friction and inertia [N.m]."""
+        """Return the torque [N.m] at the motor without friction and inertia."""
         return float(self.v["motor.torque_constant"] * y[2] + self.torque / self.ratio(y[0]))
 
     def slope(self, y: Any, dry: float, bristle: float = 0.0, stuck: bool = False) -> list[float]:
-        """The state's rate of change under dry friction `dry` [N.m] against positive motion."""
+        """Return the state's rate of change under dry friction `dry` [N.m] against positive motion."""
         v, (angle, rate, current, integral) = self.v, y[:4]
         ratio, tangent = self.ratio(angle), tan(angle + self.start)
         viscous = v["friction.viscous.positive" if rate > 0.0 else "friction.viscous.negative"] * ratio * rate
@@ -58,46 +59,47 @@ class Plant:
                 v["drive.ki"] * (self.i_ref - current), bristle]
 
     def closed_loop(self, stop: float, command: Callable[[float], float]) -> Any:
-        """Fin angle [rad] and motor speed [rad/s] at the samples."""
+        """Return fin angle [rad] and motor speed [rad/s] at the samples."""
         v, integral, period = self.v, 0.0, self.v["controller.sample_time"]
-        line = [0.0] * round(v["drive.transport_delay"] / period)
-        found = [(self.y[0], 0.0)]
+        delayed = [0.0] * round(v["drive.transport_delay"] / period)
+        rows = [(self.y[0], 0.0)]
         for k in range(round(stop / period)):
-            at = self.arm / self.lead * (tan(self.y[0] + self.start) - tan(self.start))
-            error = self.arm / self.lead * (tan(command(k * period) + self.start) - tan(self.start)) - at
+            motor_angle = self.arm / self.lead * (tan(self.y[0] + self.start) - tan(self.start))
+            error = self.arm / self.lead * (tan(command(k * period) + self.start) - tan(self.start)) - motor_angle
             speed = v["controller.position.kp"] * error + integral
             integral += period * v["controller.position.ki"] * error
             measured = self.ratio(self.y[0]) * self.y[1]
-            line.append(v["controller.velocity.kp"] * (speed - measured))
-            self.i_ref = v["drive.current_gain"] * line.pop(0) + v["drive.current_offset"]
+            delayed.append(v["controller.velocity.kp"] * (speed - measured))
+            self.i_ref = v["drive.current_gain"] * delayed.pop(0) + v["drive.current_offset"]
             self.move(period)
-            found.append((self.y[0], self.ratio(self.y[0]) * self.y[1]))
-        return np.array(found).T
+            rows.append((self.y[0], self.ratio(self.y[0]) * self.y[1]))
+        return np.array(rows).T
 
     def move(self, interval: float) -> None:
+        """Integrate over an interval [s]."""
         raise NotImplementedError
 
 
-def excess(ratio: float, width: float, speed: float) -> float:
-    """Of dry friction at a motor speed over that of fast sliding."""
+def stribeck(ratio: float, width: float, speed: float) -> float:
+    """Return dry friction at a motor speed over that of fast sliding."""
     return 1.0 + (ratio - 1.0) * exp(-(speed / width)**2)
 
 
 class Dry(Plant):
-    """Exact stick by events, dry friction that falls with speed."""
+    """Dry friction that falls with speed; rest and breakaway are events."""
 
     way = 0.0
 
     def level(self, angle: float, way: float, speed: float) -> float:
-        return self.coulomb(angle, way) * excess(self.v["stribeck.static_ratio"], self.v["stribeck.speed"], speed)
+        return self.coulomb(angle, way) * stribeck(self.v["stribeck.static_ratio"], self.v["stribeck.speed"], speed)
 
     def move(self, interval: float) -> None:
         left = interval
         while left > 1e-15:
             if self.way == 0.0:
-                held = self.applied(self.y)
+                applied = self.applied(self.y)
                 for way in (1.0, -1.0):
-                    if held * way >= self.level(self.y[0], way, 0.0) * (1.0 - 1e-10):
+                    if applied * way >= self.level(self.y[0], way, 0.0) * (1.0 - 1e-10):
                         self.way = way
             left -= self._slide(left) if self.way else self._stick(left)
 
@@ -122,35 +124,35 @@ class Dry(Plant):
         way = self.way
 
         def slope(_: float, state: Any) -> list[float]:
-            y = state.tolist()  # in half the time of NumPy's numbers
+            y = state.tolist()  # floats take half the time of NumPy's numbers
             return self.slope(y, way * self.level(y[0], way, self.ratio(y[0]) * y[1]))
 
         def rest(_: float, y: Any) -> float:
             return float(way * y[1])
 
         rest.direction = -1.0  # type: ignore[attr-defined]
-        took = self._run(interval, slope, [rest])
-        if took < interval * (1.0 - 1e-12) or way * self.y[1] <= 0.0:
+        duration = self._run(interval, slope, [rest])
+        if duration < interval * (1.0 - 1e-12) or way * self.y[1] <= 0.0:
             self.y[1], self.way = 0.0, 0.0
-        return took
+        return duration
 
 
 class Bristle(Plant):
-    """LuGre."""
+    """LuGre friction."""
 
     def __init__(self, v: Mapping[str, Any], torque: float = 0.0, powered: bool = True) -> None:
         super().__init__(v, torque, powered)
-        self.own = {name.partition(".")[2]: value for name, value in v.items() if name.startswith("lugre.")}
+        self.lugre = {name.partition(".")[2]: value for name, value in v.items() if name.startswith("lugre.")}
 
     def rate(self, y: Any) -> tuple[float, float]:
-        """dz/dt and the bristles' torque."""
-        own, ratio = self.own, self.ratio(y[0])
+        """Return dz/dt [rad/s] and the bristles' torque [N.m]."""
+        lugre, ratio = self.lugre, self.ratio(y[0])
         speed, z = ratio * y[1], y[4]
-        level = (self.coulomb(y[0], speed) * excess(own["static_ratio"], own["stribeck_speed"], speed)
+        level = (self.coulomb(y[0], speed) * stribeck(lugre["static_ratio"], lugre["stribeck_speed"], speed)
                  + self.v["friction.fin_coulomb"] / ratio)
-        rate = speed - own["stiffness"] * abs(speed) / level * z
-        damping = own["damping"] / (1.0 + own["damping"] * abs(speed) / level)
-        return rate, own["stiffness"] * z + damping * rate
+        rate = speed - lugre["stiffness"] * abs(speed) / level * z
+        damping = lugre["damping"] / (1.0 + lugre["damping"] * abs(speed) / level)
+        return rate, lugre["stiffness"] * z + damping * rate
 
     def move(self, interval: float) -> None:
         def slope(_: float, state: Any) -> list[float]:

@@ -1,4 +1,4 @@
-"""What the tests of homing share: a run, its statuses, a thing in the way."""
+"""Runs of homing, their statuses, and an obstacle, for its tests."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate
 
+from .runs import values_of
+
 MODEL = "nonlinear+homing"
 BASE = load_parameters(model=MODEL)
 STOP = BASE.values["fin.stop_angle"]
@@ -25,40 +27,46 @@ NAMES = [v.name for v in get(MODEL).outputs]
 
 
 def motor(fin: Any) -> Any:
-    """(2.5), written out."""
+    """Return the motor angle [rad] at a fin angle [rad], by (2.5) of the thesis."""
     return RATIO * (np.tan(fin + INITIAL) - tan(INITIAL))
 
 
 def run_of(overrides: Mapping[str, Any], stop: float, model: str = MODEL, **inputs: Any) -> dict[str, Any]:
-    return simulate(load_parameters(model=model).with_values(overrides).values, stop, model=model, **inputs)
+    return simulate(values_of(overrides, model=model), stop, model=model, **inputs)
 
 
 def phases(run: Mapping[str, Any]) -> list[float]:
-    """The statuses in their order, each once."""
+    """Return the statuses in their order, without repetitions."""
     status = run["status"]
     return [status[0], *status[1:][np.diff(status) != 0.0]]
 
 
-def since(run: Mapping[str, Any], status: float) -> float:
-    """When a status is shown for the first time [s]."""
+def first_time(run: Mapping[str, Any], status: float) -> float:
+    """Return the time [s] at which a status is shown first."""
     return float(run["time"][np.argmax(run["status"] == status)])
 
 
+def zero_error(run: Mapping[str, Any]) -> Any:
+    """Return true less measured fin angle [rad] at the samples since homing; the measurement is a sample old."""
+    homed = np.flatnonzero(run["homed"])[1:]
+    return run["fin_angle"][homed - 1] - run["measured_fin_angle"][homed]
+
+
 def assert_sound(run: Mapping[str, Any]) -> None:
-    """No stop is passed, no current beyond what the push allows while homing, no jump."""
+    """Check that the fin passes no stop and does not jump, and that homing limits the current."""
     assert np.abs(run["fin_angle"]).max() <= STOP * (1.0 + 1e-12)
-    # Beyond the reference by no more than what the back-EMF drives against the current loop's gain.
+    # The back-EMF drives the current beyond its reference, against the gain of the current loop.
     homing = run["status"] == HOMING
     driven = BASE.values["motor.back_emf_constant"] * np.abs(run["motor_speed"][homing]) / BASE.values["drive.kp"]
     assert np.abs(run["motor_current"][homing]).max() <= 8.19 * 1.0 + 0.015 + driven.max()
-    # In 1 ms no more than the rate at its two ends allows.
+    # A step of 1 ms at the larger rate of its two ends; half as much and 0.02 deg more allow for the rates between.
     rate = np.abs(run["fin_rate"])
     assert np.all(np.abs(np.diff(run["fin_angle"])) <= np.maximum(rate[1:], rate[:-1]) * 1e-3 * 1.5 + radians(0.02))
 
 
 def blocked(torque: Callable[[float, float], float], stop: float, home: Callable[[float], bool],
             overrides: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """A run under a torque [N.m] of time [s] and fin angle [rad], at steps of 1 ms."""
+    """Return a run in steps of 1 ms under a torque [N.m], a function of time [s] and fin angle [rad]."""
     core = codegen.core(BASE.with_values(overrides or {}).values, MODEL)
     rows = []
     angle = 0.0
@@ -69,6 +77,6 @@ def blocked(torque: Callable[[float, float], float], stop: float, home: Callable
     return {"time": np.arange(1, len(rows) + 1) * 1e-3, **dict(zip(NAMES, np.array(rows, dtype=float).T, strict=True))}
 
 
-def wedge(at: float) -> Callable[[float], float]:
-    """A stiff thing in the way from `at` [rad] on, on either side."""
-    return lambda angle: -3e3 * max(angle - at, 0.0) if at > 0.0 else -3e3 * min(angle - at, 0.0)
+def wedge(edge: float) -> Callable[[float], float]:
+    """Return the torque [N.m] of a stiff obstacle over the fin angle; its edge [rad] is on either side of zero."""
+    return lambda angle: -3e3 * max(angle - edge, 0.0) if edge > 0.0 else -3e3 * min(angle - edge, 0.0)

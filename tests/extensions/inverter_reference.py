@@ -1,4 +1,4 @@
-"""The three phases of a motor on the diodes of an open bridge, with a stiff supply: shares nothing with the package."""
+"""An independent integration of three motor phases on the diodes of an open bridge with a stiff supply."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ PHASE = 2.0 * np.pi / 3.0 * np.arange(3.0)[:, None]
 
 
 class Phases:
-    """Currents [A] of three phases in star, of as many motors as `count`, and by phase the rail on which it conducts:
-    1 the lower one, with its current into the motor, -1 the upper one, 0 none."""
+    """Currents [A] of three phases in star, for `count` motors, and the rail on which each phase conducts.
+
+    The rail is 1 for the lower one, with a current into the motor, -1 for the upper one, and 0 without a current.
+    """
 
     def __init__(self, count: int) -> None:
         self.current, self.rail = np.zeros((3, count)), np.zeros((3, count))
 
     def step(self, angle: Any, speed: Any, pairs: Any, h: float) -> tuple[Any, Any]:
-        """Move by `h` [s] at motor angle [rad] and speed [rad/s]; return torque [N.m] and power into the supply [W]."""
+        """Step by `h` [s] at motor angle [rad] and speed [rad/s]; return torque [N.m] and power into the supply [W]."""
         shape = np.cos(pairs * angle - PHASE)
         emf = K / np.sqrt(3.0) * speed * shape
-        alone = np.count_nonzero(self.rail, axis=0) < 2
-        self.rail[:, alone] = self.current[:, alone] = 0.0
-        wide = alone & (emf.max(axis=0) - emf.min(axis=0) > V)  # two phases begin
-        self.rail += np.where(wide & (emf == emf.max(axis=0)), -1.0, 0.0)
-        self.rail += np.where(wide & (emf == emf.min(axis=0)), 1.0, 0.0)
+        open_ = np.count_nonzero(self.rail, axis=0) < 2
+        self.rail[:, open_] = self.current[:, open_] = 0.0
+        begins = open_ & (emf.max(axis=0) - emf.min(axis=0) > V)  # two phases begin to conduct
+        self.rail += np.where(begins & (emf == emf.max(axis=0)), -1.0, 0.0)
+        self.rail += np.where(begins & (emf == emf.min(axis=0)), 1.0, 0.0)
         two = np.count_nonzero(self.rail, axis=0) == 2
         floating = self._star(emf) + emf  # potential of a phase without current
         third = two & (self.rail == 0.0)
@@ -47,12 +49,12 @@ class Phases:
 
 
 def braking_current(pairs: Any, speed: Any) -> tuple[Any, Any]:
-    """Return the mean current [A] that brakes, torque over K, and mean power into the supply [W] at steady speeds."""
+    """Return the mean braking current [A], torque over K, and the mean power into the supply [W] at steady speeds."""
     phases, steps, turns = Phases(len(speed)), 1000, 6
     sums = np.zeros((2, len(speed)))
-    for k in range(turns * steps):  # of the electrical angle
-        electric = 2.0 * np.pi * k / steps
-        torque, power = phases.step(electric / pairs, speed, pairs, 2.0 * np.pi / (steps * pairs * speed))
+    for k in range(turns * steps):
+        electrical_angle = 2.0 * np.pi * k / steps
+        torque, power = phases.step(electrical_angle / pairs, speed, pairs, 2.0 * np.pi / (steps * pairs * speed))
         if k >= (turns - 1) * steps:
             sums += torque, power
     return -sums[0] / steps / K, sums[1] / steps

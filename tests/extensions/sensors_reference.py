@@ -1,4 +1,4 @@
-"""An independent integration of the extension sensors: plant and controllers of the reference with erring sensors."""
+"""An independent integration of the extension `sensors`: the reference's plant and controllers with sensor errors."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from emcas_fmu.reference.vehicle import Surroundings
 
 
 class Noise:
-    """L'Ecuyer's generator in whole numbers."""
+    """L'Ecuyer's random generator in integers."""
 
     def __init__(self, seed: int):
         self.states = [seed, 1234567890]
 
-    def even(self) -> float:
-        """A number between 0 and 1."""
+    def uniform(self) -> float:
+        """Return a number between 0 and 1, uniformly distributed."""
         self.states = [40014 * self.states[0] % 2147483563, 40692 * self.states[1] % 2147483399]
         return (self.states[0] / 2147483563 - self.states[1] / 2147483399) % 1.0
 
     def draw(self) -> float:
-        """A number of mean 0 and variance 1."""
-        first, second, third, fourth = (self.even() for _ in range(4))
+        """Return a number of mean 0 and variance 1."""
+        first, second, third, fourth = (self.uniform() for _ in range(4))
         return math.sqrt(3.0) * (first + second - third - fourth)
 
 
 def measured(p: Mapping[str, float], current: float) -> float:
-    """Measured current [A] at a motor current [A]."""
+    """Return the measured current [A] at a motor current [A]."""
     return (1.0 + p["sensor.current.gain_error"]) * current + p["sensor.current.offset"]
 
 
@@ -43,7 +43,7 @@ class Sensing(Controllers):
         super().__init__(plant, nominal)
 
     def read(self, x: float) -> float:
-        """The encoder's angle [rad] at an angle [rad] of its shaft."""
+        """Return the encoder's angle [rad] at an angle [rad] of its shaft."""
         p, prefix = self.p, "sensor.encoder."
         return x + self.noise + sum(
             p[prefix + name] * (math.sin(n * x + p[f"{prefix}{name}_phase"]) - math.sin(p[f"{prefix}{name}_phase"]))
@@ -59,12 +59,9 @@ class Sensing(Controllers):
         if not self.p["encoder.enabled"]:
             speed = self.plant.ratio(delta) * omega
             if self.on_fin:
-                seen = self.read(delta)
-                return seen, self.nominal.motor_angle(seen), speed
-            step, steady = 1e-4, self.noise
-            self.noise = 0.0
-            slope = (self.read(motor + step) - self.read(motor - step)) / (2.0 * step)
-            self.noise = steady
+                reading = self.read(delta)
+                return reading, self.nominal.motor_angle(reading), speed
+            slope = (self.read(motor + 1e-4) - self.read(motor - 1e-4)) / 2e-4  # the noise cancels
             return self.nominal.fin_angle(self.read(motor)), self.read(motor), slope * speed
         speed = (self.counts - previous) * self.count_size / self.period
         if self.on_fin:
@@ -90,7 +87,7 @@ class Sensed(Plant):
         return lambda y, command, enable: loops.sample(y[0], y[1], command, enable, y[2])
 
     def error(self, m: Motor, around: Surroundings) -> float:
-        """Current reference less measured current [A]."""
+        """Return current reference less measured current [A]."""
         return around.reference - measured(self.p, m.current)
 
     def demand(self, m: Motor, around: Surroundings) -> float:

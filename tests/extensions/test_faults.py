@@ -1,4 +1,4 @@
-"""Faults: none, when they begin and end, and each against the plain model with equivalent settings."""
+"""Faults: their times, models without an active fault, and faults that equal a change of the plain model."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from emcas_fmu.simulation import simulate, simulate_fins
 from tests.default_actuator import EVERY
 from tests.marks import others_slow
 
-from .fault_runs import BASE, BIT, MODEL, PLAIN, SHARED, bits_of, equal, gust, scheduled, wave
+from .fault_runs import BASE, BIT, MODEL, PLAIN, bits_of, gust, scheduled, wave
+from .runs import assert_equal
 
 ELASTIC = "elastic+faults"
 QUICK = others_slow(NAMES, lambda name: name not in ("habibi", "worm-gear", "worm-gear-elastic"))
-# The general faults an actuator cannot have; the others it has, with their bits where they are in every other.
+# The general faults that an actuator cannot have; it has the others, each with the same bit as in every actuator.
 WINDING = ("winding_short", "phase_loss")
 IMPOSSIBLE = {
     "nonlinear": {"backlash_growth"}, "elastic": set(), "habibi": set(), "ozkan": {*WINDING, "backlash_growth"},
@@ -36,18 +37,19 @@ IMPOSSIBLE = {
 
 
 @pytest.mark.parametrize("model", EVERY)
-def test_a_fault_is_where_it_can_be(model: str) -> None:
-    there = {name.split(".")[1] for name in load_parameters(model=f"{model}+faults").values if name.endswith(".active")}
+def test_an_actuator_has_every_possible_fault(model: str) -> None:
+    faults = {name.split(".")[1] for name in load_parameters(model=f"{model}+faults").values
+              if name.endswith(".active")}
     bit = bits_of(model)
-    assert there == set(bit) - IMPOSSIBLE[model]
-    for fault in there:
+    assert faults == set(bit) - IMPOSSIBLE[model]
+    for fault in faults:
         run = simulate(scheduled(f"{model}+faults", fault), 0.005, model=f"{model}+faults")
         assert (run["fault_word"][1:] == bit[fault]).all()
 
 
 @pytest.mark.parametrize("model", QUICK)
-def test_a_bias_is_what_the_encoder_reads_too_much(model: str) -> None:
-    """At rest, for any ratio, to the encoder's count of 1.3e-5 rad at the fin, a transducer's, or the gap."""
+def test_a_bias_is_added_to_the_measured_angle(model: str) -> None:
+    """At rest, for any ratio, to one count of encoder (1.3e-5 rad at the fin) or transducer, or to the gap."""
     values = scheduled(f"{model}+faults", "encoder_bias", begin=0.1, fault__encoder_bias__angle=0.05)
     run = simulate(values, 2.0, model=f"{model}+faults", fin_command=0.2)
     count = 2.0 * pi / values["encoder.counts"] if "encoder.counts" in values else 1.3e-5
@@ -56,40 +58,43 @@ def test_a_bias_is_what_the_encoder_reads_too_much(model: str) -> None:
 
 
 @pytest.mark.parametrize("model", QUICK)
-def test_without_a_fault_it_is_the_model(model: str) -> None:
+def test_without_an_active_fault_no_bit_changes(model: str) -> None:
     inputs: dict[str, Any] = {"fin_command": wave,  # 40 N.m are beyond the servo's stall torque
                               "aero_torque": (lambda t: 0.1 * gust(t)) if model == "servo" else gust}
     plain = simulate(load_parameters(model=model).values, 0.4, model=model, **inputs)
     values = load_parameters(model=f"{model}+faults").values
-    found = simulate(values, 0.4, model=f"{model}+faults", **inputs)
-    assert equal(found, plain)
-    assert not found["fault_word"].any()
-    assert not found["built_in_test"].any()
-    assert (found["status"] == OPERATIONAL).all()
+    run = simulate(values, 0.4, model=f"{model}+faults", **inputs)
+    assert_equal(run, plain)
+    assert not run["fault_word"].any()
+    assert not run["built_in_test"].any()
+    assert (run["status"] == OPERATIONAL).all()
 
 
-# -- when ---------------------------------------------------------------------------
+# -- begin and end --------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("fault", [f.name for f in FAULTS])
-def test_switched_on_or_scheduled(fault: str) -> None:
+def test_an_active_fault_is_one_scheduled_from_the_start(fault: str) -> None:
     model = ELASTIC if fault == "backlash_growth" else MODEL
-    on = load_parameters(model=model).with_values({f"fault.{fault}.active": True}).values
-    one = simulate(on, 0.15, model=model, fin_command=wave, aero_torque=gust)
-    other = simulate(scheduled(model, fault), 0.15, model=model, fin_command=wave, aero_torque=gust)
-    assert all(np.array_equal(one[name], other[name]) for name in one)
-    assert (one["fault_word"][1:] == BIT[fault]).all()
+    active = load_parameters(model=model).with_values({f"fault.{fault}.active": True}).values
+    runs = [simulate(values, 0.15, model=model, fin_command=wave, aero_torque=gust)
+            for values in (active, scheduled(model, fault))]
+    assert_equal(*runs)
+    assert (runs[0]["fault_word"][1:] == BIT[fault]).all()
 
 
-def test_begins_and_ends_with_samples() -> None:
-    """From the first sample at or after begin to the last before end; a row shows the samples before it."""
+def test_a_fault_begins_and_ends_with_samples() -> None:
+    """It lasts from the first sample at or after its begin to the last before its end.
+
+    A row shows the samples before it.
+    """
     run = simulate(scheduled(MODEL, "command_freeze", begin=0.0105, end=0.020), 0.03, model=MODEL)
     active = run["fault_word"] == BIT["command_freeze"]
     np.testing.assert_array_equal(np.flatnonzero(active), np.arange(12, 21))  # samples at 11 to 19 ms
 
 
-def test_on_a_sample_whatever_rounding_says() -> None:
-    """3 times 0.1 is not 0.3 in floating point, and neither are sample times that hosts compute."""
+def test_a_rounded_begin_means_its_sample() -> None:
+    """Hosts add up sample times, and 0.1 + 0.1 + 0.1 is not 0.3 in floating point."""
     for sample in (3, 7, 29, 113):
         begin = sum(1e-3 for _ in range(sample))
         run = simulate(scheduled(MODEL, "jam", begin=begin), 0.12, model=MODEL)
@@ -99,31 +104,31 @@ def test_on_a_sample_whatever_rounding_says() -> None:
 # -- each against the plain model with equivalent settings ---------------------------
 
 
-def test_derating_is_a_lower_limit() -> None:
-    # The controllers do not know of the fault: their anti-windup goes by the limit there was.
-    without = {"controller.drive_antiwindup": 0.0}
-    found = simulate({**scheduled(MODEL, "current_derating", fault__current_derating__share=0.2), **without}, 0.3,
-                     model=MODEL, fin_command=radians(15.0))
-    lower = PLAIN.with_values({"drive.current_limit": 0.2 * PLAIN.values["drive.current_limit"], **without}).values
-    assert equal(found, simulate(lower, 0.3, fin_command=radians(15.0)))
+def test_derating_is_a_lower_current_limit() -> None:
+    # The controllers' anti-windup would use the limit without the fault.
+    no_antiwindup = {"controller.drive_antiwindup": 0.0}
+    derated = {**scheduled(MODEL, "current_derating", fault__current_derating__share=0.2), **no_antiwindup}
+    lower = PLAIN.with_values({"drive.current_limit": 0.2 * PLAIN.values["drive.current_limit"], **no_antiwindup})
+    assert_equal(simulate(derated, 0.3, model=MODEL, fin_command=radians(15.0)),
+                 simulate(lower.values, 0.3, fin_command=radians(15.0)))
 
 
-def test_brown_out_is_a_lower_supply() -> None:
-    found = simulate(scheduled(MODEL, "brown_out", fault__brown_out__share=0.5), 0.3, model=MODEL,
-                     fin_command=radians(15.0))
+def test_brown_out_is_a_lower_supply_voltage() -> None:
+    run = simulate(scheduled(MODEL, "brown_out", fault__brown_out__share=0.5), 0.3, model=MODEL,
+                   fin_command=radians(15.0))
     lower = simulate(PLAIN.values, 0.3, fin_command=radians(15.0), supply_voltage=19.5)
-    # The line gives the drive's current at its own voltage, and gets back what the drive returns. The first row is
-    # before the first sample and the fault.
+    # The line supplies the drive's current at its own voltage, and receives the power that the drive returns. The first
+    # row is before the first sample and the fault.
     power = lower["supply_power"][1:]
     assert power.min() < 0.0 < power.max()
     power[power > 0.0] *= 2.0
-    assert equal(found, lower)
+    assert_equal(run, lower)
 
 
-def test_a_line_gives_the_whole_of_what_fins_in_a_brown_out_draw() -> None:
-    """Of one sound fin and one whose supply is halved: flows that add up, and power at the line's own pressure.
+def test_a_pressure_line_supplies_the_flow_of_a_fin_in_a_brown_out() -> None:
+    """With one sound fin and one whose supply is halved, flows add up, and power is flow times the line's own pressure.
 
-    Of what comes back through the drop the line gets the power, so that half of the flow is lost.
+    The line receives the power that returns through the drop, but half of the flow.
     """
     model = "electrohydraulic+faults"
     values = load_parameters(model=model).values
@@ -133,13 +138,13 @@ def test_a_line_gives_the_whole_of_what_fins_in_a_brown_out_draw() -> None:
     flows = [run[f"fin[{k}].supply_flow"] for k in (1, 2)]
     assert max(flows[1]) > 1e-5
     flows[1] = np.where(flows[1] > 0.0, flows[1], 0.5 * flows[1])
-    # Sums and quotients of a few numbers, in another order: rounding.
+    # Sums and quotients of a few numbers in another order round differently.
     np.testing.assert_allclose(run["line_flow"], flows[0] + flows[1], rtol=1e-12)
     np.testing.assert_allclose(run["supply_power"], run["line_pressure"] * run["line_flow"], rtol=1e-12)
     np.testing.assert_allclose(run["fin[2].supply_power"], run["line_pressure"] * flows[1], rtol=1e-12)
 
 
-def test_a_bus_gives_the_current_of_a_drive_in_a_brown_out() -> None:
+def test_a_bus_supplies_the_current_of_a_drive_in_a_brown_out() -> None:
     values = load_parameters(model=MODEL).values
     weak = {**values, "fault.brown_out.active": True, "fault.brown_out.share": 0.6}
     run = simulate_fins([values, weak], 0.1, model=MODEL, line={"bus.source_resistance": 0.02}, aero_torque=60.0,
@@ -157,58 +162,55 @@ def test_friction_rise_is_more_friction() -> None:
             if name.startswith(("friction.viscous", "friction.coulomb", "friction.fin"))}
     for name in ("friction.fin_viscous", "friction.fin_coulomb"):
         more[name] = factor * 2.0
-    # The controller goes on compensating for what was identified: here nothing.
-    both = {"compensation.gain": 0.0}
-    fin = {"friction.fin_viscous": 2.0, "friction.fin_coulomb": 2.0}
-    window = {"fault.friction_rise.end": 1e9, "fault.friction_rise.factor": factor}
-    found = simulate(BASE.with_values({**both, **fin, **window}).values, 0.3, model=MODEL, fin_command=wave)
-    assert equal(found, simulate(PLAIN.with_values({**more, **both}).values, 0.3, fin_command=wave))
+    # The controller would compensate for the friction without the fault.
+    risen = scheduled(MODEL, "friction_rise", compensation__gain=0.0, friction__fin_viscous=2.0,
+                      friction__fin_coulomb=2.0, fault__friction_rise__factor=factor)
+    plain = PLAIN.with_values({**more, "compensation.gain": 0.0}).values
+    assert_equal(simulate(risen, 0.3, model=MODEL, fin_command=wave), simulate(plain, 0.3, fin_command=wave))
 
 
 def test_backlash_growth_is_a_wider_gap() -> None:
-    model = "elastic"
-    plain = load_parameters(model=model)
+    plain = load_parameters(model="elastic")
     gap = plain.values["drive_line.backlash"]
-    found = simulate(scheduled(f"{model}+faults", "backlash_growth", fault__backlash_growth__gap=0.2e-3), 0.2,
-                     model=f"{model}+faults", fin_command=wave)
+    run = simulate(scheduled(ELASTIC, "backlash_growth", fault__backlash_growth__gap=0.2e-3), 0.2, model=ELASTIC,
+                   fin_command=wave)
     wider = plain.with_values({"drive_line.backlash": gap + 0.2e-3}).values
-    assert equal(found, simulate(wider, 0.2, model=model, fin_command=wave))
+    assert_equal(run, simulate(wider, 0.2, model="elastic", fin_command=wave))
 
 
-def test_a_grown_gap_stays() -> None:
-    model = "elastic+faults"
-    healed = simulate(scheduled(model, "backlash_growth", begin=0.02, end=0.05), 0.2, model=model, fin_command=wave)
-    lasting = simulate(scheduled(model, "backlash_growth", begin=0.02), 0.2, model=model, fin_command=wave)
-    assert all(np.array_equal(healed[name], lasting[name]) for name in healed)
+def test_a_grown_gap_does_not_heal() -> None:
+    assert_equal(*(simulate(scheduled(ELASTIC, "backlash_growth", begin=0.02, end=end), 0.2, model=ELASTIC,
+                            fin_command=wave) for end in (0.05, 1e9)))
 
 
 def test_loss_of_drive_is_an_open_bridge() -> None:
-    """To the plant it is what a disabled drive is; the controller goes on, and does not know."""
-    found = simulate(scheduled(MODEL, "drive_loss", begin=0.1), 0.3, model=MODEL, fin_command=wave, aero_torque=gust)
+    """The plant is that of a disabled drive; the controller is unaware and computes on."""
+    run = simulate(scheduled(MODEL, "drive_loss", begin=0.1), 0.3, model=MODEL, fin_command=wave, aero_torque=gust)
     plain = simulate(PLAIN.values, 0.3, fin_command=wave, aero_torque=gust, enable=lambda t: t < 0.0999)
-    for name in ("fin_angle", "fin_rate", "motor_current", "motor_voltage", "supply_power"):
-        assert np.array_equal(found[name], plain[name])
-    assert not np.array_equal(found["drive_reference"], plain["drive_reference"])
+    assert_equal(run, {name: plain[name] for name in ("fin_angle", "fin_rate", "motor_current", "motor_voltage",
+                                                      "supply_power")})
+    assert not np.array_equal(run["drive_reference"], plain["drive_reference"])
 
 
 def test_freeze_of_the_command() -> None:
-    found = simulate(scheduled(MODEL, "command_freeze", begin=0.1), 0.3, model=MODEL, fin_command=wave)
+    run = simulate(scheduled(MODEL, "command_freeze", begin=0.1), 0.3, model=MODEL, fin_command=wave)
     plain = simulate(PLAIN.values, 0.3, fin_command=lambda t: wave(min(t, 0.099)))
-    assert all(np.array_equal(found[name], plain[name]) for name in SHARED if name != "tracking_error")
+    del plain["tracking_error"]  # the error of the new command
+    assert_equal(run, plain)
 
 
 @pytest.mark.parametrize(("delay", "samples"), [(0.0, 0), (7.4e-3, 7), (50e-3, LONGEST_COMMAND_DELAY)])
 def test_delay_of_the_command(delay: float, samples: int) -> None:
-    found = simulate(scheduled(MODEL, "command_delay", fault__command_delay__time=delay), 0.3, model=MODEL,
-                     fin_command=wave)
+    run = simulate(scheduled(MODEL, "command_delay", fault__command_delay__time=delay), 0.3, model=MODEL,
+                   fin_command=wave)
     plain = simulate(PLAIN.values, 0.3, fin_command=lambda t: wave(t - samples * 1e-3) if t > (samples - 0.5) * 1e-3
                      else 0.0)
     for name in ("fin_angle", "motor_current", "drive_reference"):
-        # The delayed sine is that of times k T - n T, here of (k - n) T: the last digit of the command differs.
-        np.testing.assert_allclose(found[name], plain[name], rtol=0.0, atol=1e-9)
+        # The times of both sines are k T less n T and (k - n) T, which round differently.
+        np.testing.assert_allclose(run[name], plain[name], rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize(("name", "value", "said"), [
+@pytest.mark.parametrize(("name", "value", "message"), [
     ("fault.brown_out.share", 1.5, r"must be within 0 \.\. 1"),
     ("fault.friction_rise.factor", 0.5, r"must be within 1 \.\. 10000"),
     ("fault.hard_over.share", "2", r"must be within -1 \.\. 1"),
@@ -219,11 +221,11 @@ def test_delay_of_the_command(delay: float, samples: int) -> None:
     ("monitor.persistence", -1.0, "must be within 0"),
     ("fault.jamm.active", True, "did you mean"),
 ])
-def test_bad_values_are_refused(name: Any, value: Any, said: str) -> None:
-    with pytest.raises(ParameterError, match=said):
+def test_bad_values_are_refused(name: Any, value: Any, message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
         BASE.with_values({name: value} if isinstance(name, str) else name)
 
 
-def test_faults_are_of_models_with_faults() -> None:
+def test_a_model_without_the_extension_has_no_fault_parameter() -> None:
     with pytest.raises(ParameterError, match="the nonlinear actuator has no such parameter"):
         PLAIN.with_values({"fault.jam.active": True})

@@ -1,4 +1,4 @@
-"""Homing in both back ends, and as FMUs."""
+"""Homing in both kernels and as FMUs."""
 
 from __future__ import annotations
 
@@ -20,17 +20,15 @@ from emcas_fmu.simulation import simulate
 
 from ..fmu.host import OK, Fmu, Instance
 from ..marks import slow
-from .homing_run import BASE, MODEL, phases, run_of
+from .homing_run import BASE, MODEL, phases
+from .runs import run_both_kernels, values_of
 
 
 @pytest.mark.parametrize("model", ["nonlinear+homing", *slow("elastic+homing")])
-def test_kernels_are_one(model: str) -> None:
-    python, compiled = (run_of({"fin.start_angle": 0.4}, 5.5, model, kernel=kernel, home=lambda t: t > 0.1,
-                             fin_command=0.1, aero_torque=lambda t: 20.0 * cos(3.0 * t))
-                        for kernel in ("python", "compiled"))
-    assert phases(python) == [UNREFERENCED, HOMING, OPERATIONAL]
-    for name, values in python.items():
-        assert np.array_equal(values, compiled[name]), name
+def test_kernels_agree(model: str) -> None:
+    run = run_both_kernels(values_of(model=model, fin__start_angle=0.4), 5.5, model, home=lambda t: t > 0.1,
+                           fin_command=0.1, aero_torque=lambda t: 20.0 * cos(3.0 * t))
+    assert phases(run) == [UNREFERENCED, HOMING, OPERATIONAL]
 
 
 @pytest.fixture(scope="module")
@@ -43,21 +41,20 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
 @pytest.mark.slow
 @pytest.mark.fmu
 def test_fmus_home_by_their_input(built: Mapping[str, Path], tmp_path: Path) -> None:
-    """Under fmpy in a fresh process, `home` as a signal; and a state kept amid the run continues bit for bit."""
-    (tmp_path / "host.py").write_text(_HOST)
-    found = {}
-    for backend, unit in built.items():
-        assert validate_fmu(str(unit)) == []
-        done = subprocess.run([sys.executable, "host.py", unit], cwd=tmp_path, capture_output=True, text=True,
+    """fmpy runs them in a fresh process with `home` as a signal; a state saved during homing restores bit for bit."""
+    results = {}
+    for backend, path in built.items():
+        assert validate_fmu(str(path)) == []
+        done = subprocess.run([sys.executable, "-c", _HOST, path], cwd=tmp_path, capture_output=True, text=True,
                               timeout=120)
         assert done.returncode == 0, done.stderr
-        found[backend] = json.loads(done.stdout.splitlines()[-1])
-    assert found["python"] == found["native"]
-    same = simulate(BASE.values, 7.0, 0.01, model=MODEL, home=lambda t: t > 0.2 - 1e-9)
+        results[backend] = json.loads(done.stdout.splitlines()[-1])
+    assert results["python"] == results["native"]
+    expected = simulate(BASE.values, 7.0, 0.01, model=MODEL, home=lambda t: t > 0.2 - 1e-9)
     for name in ("fin_angle", "measured_fin_angle", "status", "homed"):
-        assert found["native"]["signal"][name] == same[name].tolist(), name
-    assert found["native"]["continued"] == found["native"]["restored"]
-    assert found["native"]["continued"][-1][2] == OPERATIONAL
+        assert results["native"]["signal"][name] == expected[name].tolist(), name
+    assert results["native"]["continued"] == results["native"]["restored"]
+    assert results["native"]["continued"][-1][2] == OPERATIONAL
 
 
 _HOST = """
@@ -97,26 +94,26 @@ print(json.dumps({"signal": {n: run[n].astype(float).tolist() for n in names}, "
 
 @pytest.mark.slow
 @pytest.mark.fmu
-def test_four_fins_home_each_for_itself(tmp_path: Path) -> None:
-    """On a stiff bus each is a single one."""
+def test_each_of_four_fins_homes_as_a_single_one(tmp_path: Path) -> None:
+    """On a stiff bus, bit for bit."""
     path = build(BASE, tmp_path / "four.fmu", "native", cc="gcc", fins=4).path
     assert validate_fmu(str(path)) == []
     with zipfile.ZipFile(path) as archive:
         archive.extractall(tmp_path / "four")
-    unit = Instance(Fmu(str(tmp_path / "four")))
-    starts, times = (0.3, -0.2, 0.0, 0.1), (0.1, 1.0, 9.0, 0.4)  # the third is not asked
-    assert max(unit.initialize(**{f"fin[{k}].fin.start_angle": a for k, a in enumerate(starts, 1)})) == OK
+    instance = Instance(Fmu(str(tmp_path / "four")))
+    starts, times = (0.3, -0.2, 0.0, 0.1), (0.1, 1.0, 9.0, 0.4)  # the third does not home within the run of 8 s
+    assert max(instance.initialize(**{f"fin[{k}].fin.start_angle": a for k, a in enumerate(starts, 1)})) == OK
     rows: list[list[float]] = [[] for _ in starts]
     for i in range(800):
-        for k, asked in enumerate(times, 1):
-            assert unit.set(f"fin[{k}].home", i * 0.01 > asked - 1e-9) == OK
-        assert unit.step(i * 0.01, 0.01) == OK
+        for k, begin in enumerate(times, 1):
+            assert instance.set(f"fin[{k}].home", i * 0.01 > begin - 1e-9) == OK
+        assert instance.step(i * 0.01, 0.01) == OK
         for k, row in enumerate(rows, 1):
-            row.append(unit.get(f"fin[{k}].fin_angle"))
-    ends = [unit.get_vr("Integer", [unit.fmu.references[f"fin[{k}].status"]])[1][0] for k in range(1, 5)]
-    unit.free()
+            row.append(instance.get(f"fin[{k}].fin_angle"))
+    ends = [instance.get_vr("Integer", [instance.fmu.references[f"fin[{k}].status"]])[1][0] for k in range(1, 5)]
+    instance.free()
     assert ends == [OPERATIONAL, OPERATIONAL, UNREFERENCED, OPERATIONAL]
-    for start, asked, row in zip(starts, times, rows, strict=True):
-        signal = np.arange(801) * 0.01 > asked - 1e-9
+    for start, begin, row in zip(starts, times, rows, strict=True):
+        signal = np.arange(801) * 0.01 > begin - 1e-9
         alone = simulate(BASE.with_values({"fin.start_angle": start}).values, 8.0, 0.01, model=MODEL, home=signal)
         assert row == alone["fin_angle"][1:].tolist()
