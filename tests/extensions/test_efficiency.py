@@ -29,7 +29,6 @@ RAMP = np.minimum(np.arange(601) / 400.0, 1.0)
 
 # -- closed forms -----------------------------------------------------------------
 
-
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("opposing", [True, False])
 @pytest.mark.parametrize(("forward", "backward"), [(0.9, 0.889), (0.6, 0.3), (0.5, -0.4)])
@@ -130,7 +129,6 @@ def test_torque_that_moves_a_self_locking_screw(aiding: bool) -> None:
 
 # -- numbers ----------------------------------------------------------------------
 
-
 @pytest.mark.parametrize("model", ["nonlinear", "elastic", "ristanovic"])
 def test_without_losses_no_bit_changes(model: str) -> None:
     inputs: dict[str, Any] = {"fin_command": lambda t: 0.2 if sin(20.0 * t) > 0.0 else -0.2,
@@ -207,7 +205,6 @@ def test_the_screw_s_equations_agree_over_floats_arrays_and_symbols() -> None:
 
 
 # -- refusals ---------------------------------------------------------------------
-
 
 @pytest.mark.parametrize(("overrides", "model", "message"), [
     ({"efficiency.forward": 0.0}, MODEL, r"efficiency.forward = 0.0: is 0; it must be within 0.01 .. 1"),

@@ -61,8 +61,7 @@ _STRIBECK = {"stribeck.static_ratio": 2.0, "stribeck.speed": 30.0}
                                          ("nonlinear+stribeck+efficiency", _STRIBECK))])
 def test_energy_of_a_sine_in_every_model(model: str, overrides: Mapping[str, float]) -> None:
     """The work of motor, nut's inertial force and load is the losses of screw, friction, hinge and line and the energy
-    stored.
-    """
+    stored."""
     v, step = values_of(_LOADED, overrides, model=model), 1e-5
     # The vehicle's acceleration acts on the nut, and reverses the load on the screw.
     inputs: dict[str, Any] = {"fin_command": lambda t: 0.05 * sin(40.0 * t), "aero_torque": 60.0,

@@ -72,7 +72,6 @@ def test_without_an_active_fault_no_bit_changes(model: str) -> None:
 
 # -- begin and end --------------------------------------------------------------------
 
-
 @pytest.mark.parametrize("fault", [f.name for f in FAULTS])
 def test_an_active_fault_is_one_scheduled_from_the_start(fault: str) -> None:
     model = ELASTIC if fault == "backlash_growth" else MODEL
@@ -102,7 +101,6 @@ def test_a_rounded_begin_means_its_sample() -> None:
 
 
 # -- each against the plain model with equivalent settings ---------------------------
-
 
 def test_derating_is_a_lower_current_limit() -> None:
     # The controllers' anti-windup would use the limit without the fault.

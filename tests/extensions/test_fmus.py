@@ -1,4 +1,4 @@
-"""Options in FMUs: valid, the same from both back ends in separate processes, told while they run."""
+"""Extensions in FMUs: valid descriptions, and equal results of both back ends in separate processes."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ def model(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(scope="module")
 def built(model: str, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
-    # These runs are of closed loop: the angle is known.
+    # Without homing, so that the loops are closed from the start.
     parameters = load_parameters(model=model)
     changes = parameters.having({"homing.required": False, "uneven.load_share": 0.03, "uneven.ripple": 0.2,
                                   "inverter.dead_time": 1e-6, "inverter.pole_pairs": 4})
-    return both(parameters.with_values(changes), tmp_path_factory.mktemp("options"))
+    return both(parameters.with_values(changes), tmp_path_factory.mktemp("extensions"))
 
 
 @pytest.mark.fmu
-def test_valid_and_described(model: str, built: Mapping[str, Path]) -> None:
+def test_fmus_are_valid_and_describe_every_variable(model: str, built: Mapping[str, Path]) -> None:
     for path in built.values():
         assert validate_fmu(str(path)) == []
         described = read_model_description(str(path))
@@ -56,15 +56,15 @@ def test_valid_and_described(model: str, built: Mapping[str, Path]) -> None:
 
 
 @pytest.mark.fmu
-def test_both_back_ends_in_processes_of_their_own(model: str, built: Mapping[str, Path], tmp_path: Path) -> None:
-    """Every fault switched on and off while running, on a grid of its own, over a kept state: the same bits."""
-    told: list[Any] = [[0, "fin_command", 0.1], [30, "aero_torque", -40.0], [150, "enable", False],
-                       [160, "enable", True]]
-    can = {fault.name: 2 ** bits(get(model)).index(fault.name) for fault in possible(get(model))}
-    for i, name in enumerate(can):
-        told += [[10 + 10 * i, f"fault.{name}.active", True], [16 + 10 * i, f"fault.{name}.active", False]]
-    script = json.dumps({"start": {"monitor.persistence": 0.004}, "size": 1.3e-3, "steps": 200, "set": told,
-                         "keep": 77})
+def test_back_ends_compute_the_same_bits(model: str, built: Mapping[str, Path], tmp_path: Path) -> None:
+    """Every fault becomes active and inactive in a run; steps are not sample times, and a state is restored."""
+    changes: list[Any] = [[0, "fin_command", 0.1], [30, "aero_torque", -40.0], [150, "enable", False],
+                          [160, "enable", True]]
+    fault_bits = {fault.name: 2 ** bits(get(model)).index(fault.name) for fault in possible(get(model))}
+    for i, name in enumerate(fault_bits):
+        changes += [[10 + 10 * i, f"fault.{name}.active", True], [16 + 10 * i, f"fault.{name}.active", False]]
+    script = json.dumps({"start": {"monitor.persistence": 0.004}, "size": 1.3e-3, "steps": 200, "set": changes,
+                         "restore": 77})
     rows = {}
     for backend, path in built.items():
         with zipfile.ZipFile(path) as archive:
@@ -74,14 +74,13 @@ def test_both_back_ends_in_processes_of_their_own(model: str, built: Mapping[str
         assert done.returncode == 0, done.stderr
         rows[backend] = json.loads(done.stdout)
     assert rows["python"] == rows["native"]
-    # One at a time, but for those that last.
     words = {row["fault_word"] for row in rows["native"]}
-    assert all(any(word & bit for word in words) for bit in can.values())
+    assert all(any(word & bit for word in words) for bit in fault_bits.values())
     assert {DISABLED, OPERATIONAL} < {row["status"] for row in rows["native"]}
 
 
 @pytest.mark.fmu
-def test_in_fmpy(built: Mapping[str, Path]) -> None:
+def test_fmpy_runs_a_scheduled_fault(built: Mapping[str, Path]) -> None:
     for path in built.values():
         start = {"fin_command": 0.1, "fault.jam.begin": 0.02, "fault.jam.end": 1.0}
         run = simulate_fmu(str(path), stop_time=0.05, output_interval=1e-3, start_values=start,
@@ -91,5 +90,5 @@ def test_in_fmpy(built: Mapping[str, Path]) -> None:
         assert run["motor_angle"][-1] == run["motor_angle"][25] != 0.0
 
 
-def test_every_option_has_an_fmu_here() -> None:
-    assert set(EXTENSIONS) == {option for name in MODELS for option in name.split("+")[1:]}
+def test_the_models_have_every_extension() -> None:
+    assert set(EXTENSIONS) == {extension for name in MODELS for extension in name.split("+")[1:]}

@@ -1,4 +1,4 @@
-"""An actuator's controllers and its plant, each alone: their signals, and coupled the trajectory of the whole."""
+"""An actuator's halves, controllers and plant: their signals, and their trajectory when coupled."""
 
 from __future__ import annotations
 
@@ -8,17 +8,8 @@ from typing import Any
 
 import pytest
 
-from emcas_fmu.actuators import (
-    EXTENSIONS,
-    HALVES,
-    NAMES,
-    NONLINEAR,
-    capabilities,
-    full_name,
-    get,
-    get_extension,
-    of_fmu,
-)
+from emcas_fmu.actuators import EXTENSIONS, HALVES, NAMES, NONLINEAR, full_name, get, get_extension, of_fmu
+from emcas_fmu.actuators.capabilities import POSITION_LOOP
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.extensions.halves import measured
 from emcas_fmu.parameters import ParameterSet, load_parameters
@@ -27,10 +18,10 @@ from emcas_fmu.trace.dependencies import Known, dependencies, of_parameters
 from tests.marks import others_slow, slow
 
 STEP = 1e-3
-LOOPED = [name for name in NAMES if capabilities.POSITION_LOOP in get(name).provides]
+LOOPED = [name for name in NAMES if POSITION_LOOP in get(name).provides]
 EXTENDED = [f"{name}+{extension}" for name in LOOPED for extension in EXTENSIONS
             if get(name).provides.issuperset(get_extension(extension).needs)]
-# Worm gears have the controllers of the nonlinear actuator, and take half of the time of all: in turn they have the
+# Worm gears have the controllers of the nonlinear actuator and need half of the total time: they are tested with the
 # extensions that add a signal between controllers and plant.
 IN_TURN = [model for model in EXTENDED
            if not model.startswith("worm-gear") or model.endswith(("+faults", "+heat", "+homing", "+supply"))]
@@ -40,7 +31,7 @@ OWN = [f"examples/own_actuator/{name}.py" for name in ("direct_drive", "strain_w
 
 
 class Part:
-    """The core of an actuator or of a half of it, with its inputs by name."""
+    """The core of an actuator or of one of its halves, with inputs by name."""
 
     def __init__(self, parameters: ParameterSet, model: str, changes: Mapping[str, float]) -> None:
         self.actuator, values = get(model), {**parameters.values, **changes}
@@ -58,26 +49,27 @@ class Part:
         self.core.run(end, codegen.core_inputs(self.core, list(self.inputs.values()), self.actuator))
 
 
-def excited(time: float) -> dict[str, float]:
-    """Inputs that meet limits, switch the drive off and on, and move the vehicle."""
+def inputs_at(time: float) -> dict[str, float]:
+    """Return inputs that reach limits, disable and enable the drive, and move the vehicle."""
     return {"fin_command": radians(10.0) * (time > 0.02), "aero_torque": -20.0 * (time > 0.1), "home": time > 0.01,
             "acceleration.z": 20.0 * time, "enable": not 0.15 < time < 0.17}
 
 
-def apart(model: str, step: float = STEP, stop: float = 0.25, in_turn: bool = True, earlier: float = 0.0,
-          values: Mapping[str, Any] | None = None) -> float:
-    """Return the largest difference of a coupled plant's fin angle [deg] from that of the whole.
+def difference(model: str, step: float = STEP, stop: float = 0.25, in_turn: bool = True, earlier: float = 0.0,
+               values: Mapping[str, Any] | None = None) -> float:
+    """Return the largest difference of the fin angle [deg] between coupled halves and the whole actuator.
 
-    Not `in_turn`, the plant gets the reference a step later; its transport delay is `earlier` [s] shorter.
+    If they are not stepped `in_turn`, the plant receives the reference one step later. The plant's transport delay is
+    `earlier` [s] shorter.
     """
     parameters = load_parameters(model=model).with_values(values or {})
     shorter = {"drive.transport_delay": parameters.values["drive.transport_delay"] - earlier} if earlier else {}
     whole, controllers, plant = (Part(parameters, name, changes) for name, changes in (
         (full_name(model), {}), (of_fmu(model, "controller", ""), {}), (of_fmu(model, "plant", ""), shorter)))
-    most, moved = 0.0, 0.0
+    error, motion = 0.0, 0.0
     for k in range(round(stop / step)):
         for part in (whole, controllers, plant):
-            part.set(excited(k * step))
+            part.set(inputs_at(k * step))
         controllers.set(plant.outputs())
         before = controllers.outputs()
         controllers.run((k + 1) * step)
@@ -85,14 +77,14 @@ def apart(model: str, step: float = STEP, stop: float = 0.25, in_turn: bool = Tr
         for part in (plant, whole):
             part.run((k + 1) * step)
         angle = whole.outputs()["fin_angle"]
-        most, moved = max(most, abs(plant.outputs()["fin_angle"] - angle)), max(moved, abs(angle))
-    assert moved > radians(1.0)
-    return degrees(most)
+        error, motion = max(error, abs(plant.outputs()["fin_angle"] - angle)), max(motion, abs(angle))
+    assert motion > radians(1.0)
+    return degrees(error)
 
 
 @pytest.mark.parametrize("model", [*LOOPED, *slow(*EXTENDED, *TOGETHER)])
-def test_samples_read_the_measured_states_alone(model: str) -> None:
-    """What a sample depends on is what its actuator declares; an extension may declare what some actuators lack."""
+def test_samples_depend_only_on_the_measured_states(model: str) -> None:
+    """They are those that the actuator declares; an extension may declare states that some actuators do not have."""
     actuator, tracer = get(model), codegen.traced(False, model)
     sample = next(function for function in tracer.functions if function.name == "sample")
     known = dependencies(tracer, "sample", [Known(names=frozenset({name})) for name in sample.arguments],
@@ -107,26 +99,25 @@ def test_samples_read_the_measured_states_alone(model: str) -> None:
 
 @pytest.mark.parametrize("model", others_slow([*LOOPED, *IN_TURN, *TOGETHER, *OWN], lambda model: model in (
     NONLINEAR, "servo")))
-def test_in_turn_the_trajectory_is_that_of_the_whole(model: str) -> None:
-    """To the bit: the same operations at the same instants."""
-    assert apart(model, values={"homing.required": True} if "homing" in model else None) == 0.0
+def test_halves_stepped_in_turn_compute_the_bits_of_the_whole(model: str) -> None:
+    assert difference(model, values={"homing.required": True} if "homing" in model else None) == 0.0
 
 
 @pytest.mark.parametrize("model", [NONLINEAR, *slow("servo", "electrohydraulic", "worm-gear")])
-def test_at_once_the_drive_may_delay_less(model: str) -> None:
-    """A master that passes signals on between steps delays the reference by one, of which the drive is relieved."""
-    assert 0.02 < apart(model, in_turn=False) < 1.0  # ms of motion at up to 300 deg/s
-    assert apart(model, in_turn=False, earlier=STEP) == 0.0
+def test_a_shorter_transport_delay_compensates_for_halves_stepped_at_once(model: str) -> None:
+    """A master that exchanges signals between steps delays the reference by one step."""
+    assert 0.02 < difference(model, in_turn=False) < 1.0  # 1 ms of motion at up to 300 deg/s is 0.3 deg
+    assert difference(model, in_turn=False, earlier=STEP) == 0.0
 
 
 def test_communication_steps() -> None:
-    """Several in a sample time cost nothing; a step over two samples gives the second of them an old measurement."""
-    assert apart(NONLINEAR, step=2.5e-4, stop=0.1) == 0.0
-    assert apart(NONLINEAR, step=2e-3, stop=0.1) > 0.2
+    """Several steps in a sample time change nothing; in a step over two samples the second reads an old measurement."""
+    assert difference(NONLINEAR, step=2.5e-4, stop=0.1) == 0.0
+    assert difference(NONLINEAR, step=2e-3, stop=0.1) > 0.2
 
 
 @pytest.mark.parametrize("model", LOOPED)
-def test_signals_have_the_same_names_and_units(model: str) -> None:
+def test_signals_have_the_same_names_and_units_in_both_halves(model: str) -> None:
     parts = {part: get(of_fmu(model, part, "")) for part in HALVES}
     sides = {part: ({v.name: v for v in each.inputs if v.name not in each.hidden}, {v.name: v for v in each.outputs})
              for part, each in parts.items()}
@@ -143,8 +134,8 @@ def test_signals_have_the_same_names_and_units(model: str) -> None:
     assert whole - plant_out.keys() == {"measured_fin_angle", "tracking_error", *(out.keys() & plant_into)}
 
 
-def test_the_plant_depends_on_no_input_through_a_measured_state() -> None:
-    """Otherwise the halves would have an algebraic loop: the reference, and what the controllers read."""
+def test_the_halves_have_no_algebraic_loop() -> None:
+    """No measured state depends directly on an input, nor an output of the controllers."""
     for model in LOOPED:
         direct = codegen.direct_inputs(of_fmu(model, "plant", ""))
         assert not direct.keys() & set(measured(get(model)))
@@ -156,7 +147,7 @@ def test_the_plant_depends_on_no_input_through_a_measured_state() -> None:
     ("nonlinear+plant", "controller", "plant needs a sampled position loop, which controller replaces"),
     (NONLINEAR, "controllers", "part controllers: there is controller and plant; did you mean controller?"),
 ])
-def test_refusals(model: str, part: str, message: str) -> None:
+def test_an_impossible_half_is_refused(model: str, part: str, message: str) -> None:
     with pytest.raises(EmcasError) as caught:
         get(of_fmu(model, part, ""))
     assert message in str(caught.value)

@@ -54,7 +54,6 @@ def _exact(v: Mapping[str, Any], current: float, start: Any, times: Any) -> Any:
 
 # -- temperatures -----------------------------------------------------------------
 
-
 def test_constant_loss_is_two_exponentials() -> None:
     """Over ten minutes, longer than both time constants."""
     v, run = blocked_run(18.0, 600.0, 10.0, {**NO_COEFFICIENTS, "drive.kp": 1e4})
@@ -143,7 +142,6 @@ def test_mean_square_of_an_exponential(ratio: float) -> None:
 
 # -- energy -----------------------------------------------------------------------
 
-
 def test_losses_are_stored_or_leave_to_ambient() -> None:
     """Trapezia over 20 us integrate the outputs of a motion that reverses."""
     v = values_of({"solver.max_tick": 2e-5, "heat.winding_capacity": 5.0, "heat.case_capacity": 20.0,
@@ -164,7 +162,6 @@ def test_losses_are_stored_or_leave_to_ambient() -> None:
 
 
 # -- with and without -------------------------------------------------------------
-
 
 @pytest.mark.parametrize("model", others_slow(MODELS, lambda model: model in ("nonlinear", "ozkan", "linear")))
 def test_without_coefficients_and_i2t_no_bit_changes(model: str) -> None:

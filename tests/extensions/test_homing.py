@@ -37,7 +37,6 @@ HOMED = [UNREFERENCED, HOMING, OPERATIONAL]
 
 # -- a run ------------------------------------------------------------------------
 
-
 @settings(derandomize=True, max_examples=20)
 @given(start=st.floats(-STOP, STOP), positive=st.booleans(), encoder=st.booleans(), command=st.floats(-0.35, 0.35))
 def test_homes_from_any_start(start: float, positive: bool, encoder: bool, command: float) -> None:
@@ -131,7 +130,6 @@ def test_homing_of_a_cold_and_loaded_actuator() -> None:
 
 # -- commands ---------------------------------------------------------------------
 
-
 def test_before_homing_the_bridge_is_open() -> None:
     run = run_of({"fin.start_angle": 0.2}, 1.0, fin_command=-0.3, aero_torque=5.0)
     assert np.all(run["status"] == UNREFERENCED)
@@ -177,7 +175,6 @@ def test_disabled_during_homing_the_actuator_is_unreferenced() -> None:
 
 
 # -- refusals ---------------------------------------------------------------------
-
 
 @pytest.mark.parametrize(("overrides", "words"), [
     ({"homing.reference_limit": 12.0}, ["homing.reference_limit = 12 V", "drive.reference_limit = 10 V"]),

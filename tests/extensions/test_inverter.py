@@ -51,7 +51,6 @@ def _errors(model: str, stop: float, ticks: Sequence[float], inputs: dict[str, A
 
 # -- dead time ---------------------------------------------------------------------------------------------------
 
-
 @pytest.mark.parametrize("reference", [0.05, -0.4, 5.0, -30.0])
 def test_current_of_a_blocked_motor(reference: float) -> None:
     """K_p (i_ref - i) = R i + V_d clip(i/i_r, +-1) with V_d = 4 sqrt(3)/pi V t_d f, within and beyond the ripple i_r.
@@ -81,8 +80,7 @@ def test_independent_integration_agrees_on_dead_time(model: str, angle: float, l
 @pytest.mark.parametrize("load", [-100.0, *slow(0.0)])
 def test_the_dead_time_converges_with_the_tick(load: float) -> None:
     """The order is one at least, since the current starts at zero or changes its sign: an eighth of the tick leaves
-    less than a quarter of the error (measured 0.08 and 0.04).
-    """
+    less than a quarter of the error (measured 0.08 and 0.04)."""
     inputs = {"fin_command": radians(20.0), "aero_torque": load}
     coarse, fine = _errors("nonlinear", 0.15, (1.0, 0.125), inputs, DEAD)
     assert fine < 0.25 * coarse
@@ -91,8 +89,7 @@ def test_the_dead_time_converges_with_the_tick(load: float) -> None:
 @pytest.mark.parametrize(("tick", "within"), [(5e-4, 8e-3), (2.5e-4, 2e-3)])
 def test_the_mean_current_is_that_of_the_closed_loop(tick: float, within: float) -> None:
     """The current of a blocked motor falls from 6.8 to 4.3 A as the supply returns, by the closed form of a constant
-    V_d. Measured errors are 5.5e-3 and 1.3e-3 A; a mean with the time constant L/R would be 1.4e-2 and 2.8e-3 A off.
-    """
+    V_d. Measured errors are 5.5e-3 and 1.3e-3 A; a mean with the time constant L/R would be 1.4e-2 and 2.8e-3 A off."""
     values = values_of(BLOCKED, drive__current_offset=8.0, solver__max_tick=tick, inverter__dead_time=10e-6)
     run = simulate(values, 0.011, model=MODEL, supply_voltage=lambda t: 10.0 if t < 0.0095 else 39.0)
     begin, end = run["motor_current"][10:12]
@@ -106,8 +103,7 @@ def test_the_mean_current_is_that_of_the_closed_loop(tick: float, within: float)
 @pytest.mark.parametrize(("pairs", "more"), [(8, "+supply"), *slow((0, ""), (0, "+supply"), (8, ""))])
 def test_with_dead_time_a_sweep_meets_the_voltage_limit_earlier(more: str, pairs: int) -> None:
     """The drive needs more voltage for the dead time: it is at the limit for longer, and from a lower frequency on (12
-    instead of 13 Hz without pole pairs).
-    """
+    instead of 13 Hz without pole pairs)."""
     model, frequencies = MODEL + more, np.array([5.0, 10.0, 12.0, 13.0])
     ideal, dead = (sweep.sines(values_of(changes, model=model, drive__supply_voltage=28.0, motor__pole_pairs=pairs),
                                [(radians(3.5), 0.0, frequencies)], model=model)[0].active[sweep.LIMITS.index("voltage")]
@@ -125,7 +121,6 @@ def test_the_analysis_names_dead_time_as_neglected() -> None:
 
 # -- diodes of an open bridge --------------------------------------------------------------------------------------
 
-
 @pytest.mark.parametrize("pairs", [1, 4, 8])
 def test_speed_at_which_the_diodes_balance_a_load(pairs: int) -> None:
     """The torque of a load at the motor is K |i| + b w with |i| = (K w - pi V/3)/R_b.
@@ -142,8 +137,7 @@ def test_speed_at_which_the_diodes_balance_a_load(pairs: int) -> None:
 
 def test_the_braking_current_is_that_of_three_phases() -> None:
     """It is within 13 % from a back-EMF of 1.1 times the supply on (measured 12), and within 0.4 A below (0.32); the
-    power to the supply is within 4 % for the phases' current (3.2).
-    """
+    power to the supply is within 4 % for the phases' current (3.2)."""
     pairs, ratio = (grid.ravel() for grid in np.meshgrid([3.0, 4.0, 8.0], [1.02, 1.05, 1.1, 1.2, 1.4]))
     speed = ratio * phases.V / K
     current, power = phases.braking_current(pairs, speed)
@@ -175,8 +169,7 @@ def test_phasors_of_a_supply_far_below_the_back_emf(pairs: int, supply: float) -
 
 def test_at_a_low_supply_the_braking_current_is_that_of_three_phases(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is within 9 % at a back-EMF of twice the supply (measured 8.7), and within 3 % from three times on, also
-    without a supply (2.8); the power to the supply is off by up to 5 and 2 % of the shaft's power (4.6, 1.6).
-    """
+    without a supply (2.8); the power to the supply is off by up to 5 and 2 % of the shaft's power (4.6, 1.6)."""
     pairs, speed, ratio = (grid.ravel() for grid in np.meshgrid(
         [1.0, 3.0, 4.0, 8.0], [100.0, 200.0, 350.0], [2.0, 3.0, 4.0, 1e9]))
     supply = K * speed / ratio
@@ -194,8 +187,7 @@ def test_at_a_low_supply_the_braking_current_is_that_of_three_phases(monkeypatch
 @pytest.mark.parametrize("load", [150.0, *slow(100.0)])
 def test_a_released_fin_moves_as_with_three_phases(load: float) -> None:
     """From rest to the stop, the error of the fin angle is less than a tenth of the effect of the diodes (0.70 and
-    1.57 deg without dry friction; measured errors 0.003 and 0.029).
-    """
+    1.57 deg without dry friction; measured errors 0.003 and 0.029)."""
     free, braked = (simulate(values_of(SMOOTH, inverter__pole_pairs=pairs), 0.15, 1e-3, model=MODEL, aero_torque=load,
                              enable=False)["fin_angle"] for pairs in (0, 4))
     lead, arm, tilt = 5e-3 / (2.0 * pi), 0.05, tan(radians(5.0))
@@ -257,8 +249,7 @@ def test_order_of_the_diodes_in_the_tick(load: float) -> None:
 
 def test_current_of_a_bridge_that_opens() -> None:
     """In a motor at rest it falls as -(V_o/R) + (i + V_o/R) exp(-R t/L) to 0; the energy L i^2/2 becomes heat and power
-    into the supply, to 1e-4 for the last trapezoid.
-    """
+    into the supply, to 1e-4 for the last trapezoid."""
     run = simulate(values_of(BLOCKED, DIODES, drive__current_offset=40.0), 0.02, 1e-5, model=MODEL,
                    enable=lambda t: t < 0.01)
     onset, at = pi / 3.0 * 39.0, 1000
@@ -291,7 +282,6 @@ def test_no_energy_appears(current: float, load: float) -> None:
 
 
 # -- combinations --------------------------------------------------------------------------------------------------
-
 
 def test_diodes_brake_a_motor_that_has_lost_its_drive() -> None:
     """Shorted terminals have neither dead time nor diodes."""
@@ -343,8 +333,7 @@ def test_the_diodes_current_warms_the_winding() -> None:
 
 def test_heat_and_link_of_a_bridge_that_opens() -> None:
     """A bridge opens at 50 A: ticks as shipped give the rises of winding temperature and link voltage of 2-us ticks
-    within 1 and 2 % (measured 0.1 and 1.2). With the loop's time constant instead of L/R they were 43 and 77 % off.
-    """
+    within 1 and 2 % (measured 0.1 and 1.2). With the loop's time constant instead of L/R they were 43 and 77 % off."""
     opened = {"drive.current_offset": 50.0, "heat.resistance_coefficient": 0.0, "heat.winding_to_case": 1e4,
               "supply.chopper_voltage": 1e5}
 

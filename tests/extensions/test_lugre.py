@@ -47,7 +47,6 @@ def _ratio(values: Mapping[str, Any], fin: Any = 0.0) -> Any:
 
 # -- presliding -------------------------------------------------------------------
 
-
 def test_deflection_under_a_small_torque() -> None:
     """The bristles deflect by z = T/sigma_0, and the motor turns by -(C/sigma_0) ln(1 - T/C)."""
     values = values_of(PLAIN)
@@ -138,7 +137,6 @@ def test_steady_sliding_has_the_friction_of_its_speed() -> None:
 
 
 # -- numbers ----------------------------------------------------------------------
-
 
 @pytest.mark.parametrize("x", [0.0, 1e-300, 1e-9, 1e-3, 0.0199999, 0.02, 0.3, 1.0, 40.0, 1e6, 1e25])
 def test_shares_of_the_exponential(x: float) -> None:
@@ -234,7 +232,6 @@ def test_steady_sliding_does_not_ring() -> None:
 
 # -- stops and random inputs ------------------------------------------------------
 
-
 def test_a_fin_pressed_against_a_stop_rests_exactly() -> None:
     """It leaves the stop when the torque exceeds the bristles' in the other direction."""
     run = _disabled_run({}, 0.5, lambda t: 100.0 if t < 0.3 else -100.0)
@@ -307,7 +304,6 @@ def test_kernels_agree() -> None:
 
 
 # -- refusals ---------------------------------------------------------------------
-
 
 def test_bristles_too_stiff_for_the_tick_are_refused() -> None:
     with pytest.raises(ParameterError, match=r"lugre\.stiffness = 600 N\.m/rad must be at most 583\..* 0\.0007 s"):

@@ -44,8 +44,7 @@ def test_stall_torque(current: float) -> None:
 def test_independent_integration_agrees(model: str) -> None:
     """In a step of 10 deg against 50 N.m, with a fifth of the motor constants lost at 60 A, ticks as shipped are within
     0.003 deg (measured 0.0020 with the worm gear and 0.0016 nonlinear at 0.7 ms, far less with the others' shorter
-    ticks).
-    """
+    ticks)."""
     parameters = load_parameters(model=f"{model}+saturation")
     values = parameters.with_values({**SATURATED, **parameters.having({"encoder.enabled": False})}).values
     assert tick_errors(model, "saturation", values, 0.15, [1.0], fin_command=radians(10.0), aero_torque=-50.0) < 3e-3

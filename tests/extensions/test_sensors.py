@@ -44,7 +44,6 @@ def run_of(stop: float, *changes: Mapping[str, Any], kernel: str = "auto", **inp
 
 # -- current ---------------------------------------------------------------------
 
-
 @pytest.mark.parametrize("offset", [1.5, 36.0, -32.0])
 @pytest.mark.parametrize("requested", [8.0, -50.0, 300.0, -300.0])
 def test_the_current_of_a_blocked_motor_is_controlled_as_measured(requested: float, offset: float) -> None:
@@ -107,7 +106,6 @@ def test_an_offset_beyond_the_limit_is_refused() -> None:
 
 # -- encoder ---------------------------------------------------------------------
 
-
 def _error(x: float, e: Mapping[str, float] = ECCENTRIC) -> float:
     return (e["sensor.encoder.once"] * (sin(x + 0.7) - sin(0.7))
             + e["sensor.encoder.twice"] * (sin(2.0 * x - 2.0) - sin(-2.0)))
@@ -151,7 +149,6 @@ def test_slope_of_the_reading() -> None:
 
 # -- noise -----------------------------------------------------------------------
 
-
 def _noise(seed: int, count: int) -> np.ndarray:
     first, second, noise = float(seed), sensor_errors.SECOND, []
     for _ in range(count):
@@ -190,8 +187,8 @@ def test_a_batch_computes_the_bits_of_single_runs() -> None:
     parameters = parameters_of(CURRENT, ECCENTRIC, NOISY)
     seeds, noise = np.array([1, 2, 3, 4, 5]), radians(0.05) * np.array([1.0, 0.0, 2.0, 1.0, 0.0])
     batch = Batch(parameters, 5, varied={"sensor.encoder.seed": seeds, "sensor.encoder.noise": noise})
-    batch.run_of(0.0, fin_command=0.1)
-    angles = batch.run_of(0.25)["fin_angle"].copy()
+    batch.run(0.0, fin_command=0.1)
+    angles = batch.run(0.25)["fin_angle"].copy()
     each = [run_of(0.25, CURRENT, ECCENTRIC, {"sensor.encoder.seed": int(seed), "sensor.encoder.noise": float(rms)},
                 kernel=kernel, fin_command=0.1)["fin_angle"][-1]
             for seed, rms, kernel in zip(seeds, noise, ("python", *["auto"] * 4), strict=True)]

@@ -1,4 +1,4 @@
-"""The named sets of models/sets that go over an extension or the elastic model: what each of them changes."""
+"""The named parameter sets for an extension or the elastic model: the effect of each."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ SETS = models_directory() / "sets"
 
 
 def loaded(name: str, model: str) -> ParameterSet:
-    """The default set of a model with a named one over it; every entry is used, and has a source and a note."""
+    """Return a model's default set changed by a named one, whose entries are all used and have a source and a note."""
     file = SETS / f"{name}.toml"
     parameters = load_parameters(file, model=model)
     assert not parameters.unused
-    given = [entry for entry in parameters.entries if entry.file == file.name]
-    assert given
-    assert all(entry.source and entry.note for entry in given)
+    entries = [entry for entry in parameters.entries if entry.file == file.name]
+    assert entries
+    assert all(entry.source and entry.note for entry in entries)
     return parameters
 
 
-def test_a_screw_of_95_percent_loses_a_nineteenth_of_what_it_drives() -> None:
+def test_a_screw_of_95_percent_loses_a_nineteenth_of_its_output_power() -> None:
     model = "nonlinear+efficiency"
     parameters = loaded("screw-efficiency-095", model)
     assert parameters.values["efficiency.backward"] == pytest.approx(2.0 - 1.0 / 0.95, abs=1e-4)
-    # A ramp against a load: the power into the fin is aero_torque times rate, without friction of the fin.
+    # In a ramp against a load, without friction of the fin, the power into the fin is aero_torque times rate.
     run = simulate(parameters.with_values({"friction.fin_coulomb": 0.0, "friction.fin_viscous": 0.0}).values, 0.4,
                    model=model, fin_command=lambda t: radians(50.0) * t, aero_torque=-60.0)
     late = run["time"] > 0.2
-    driven = 60.0 * run["fin_rate"][late].mean()
-    # The rest of a ripple of the rate, which accelerates nut and fin.
-    assert run["screw_loss"][late].mean() / driven == pytest.approx(1.0 / 0.95 - 1.0, rel=0.01)
+    output_power = 60.0 * run["fin_rate"][late].mean()
+    # A ripple of the rate, which accelerates nut and fin, remains.
+    assert run["screw_loss"][late].mean() / output_power == pytest.approx(1.0 / 0.95 - 1.0, rel=0.01)
 
 
-def test_the_published_motor_holds_a_fifth_for_long() -> None:
-    """At standstill I^2 R(155 degC) (R_wc + R_ca) = 155 - 24 K; the case's magnets are at 142 degC."""
+def test_the_published_motor_has_a_fifth_of_the_shipped_continuous_torque() -> None:
+    """At standstill I^2 R(155 degC) (R_wc + R_ca) = 155 - 24 K; the magnets in the case are at 142 degC."""
     model = "nonlinear+heat"
     published, shipped = loaded("heat-published-motor", model), load_parameters(model=model)
     values = published.values
@@ -48,25 +48,25 @@ def test_the_published_motor_holds_a_fifth_for_long() -> None:
     assert values["heat.winding_capacity"] * values["heat.winding_to_case"] == pytest.approx(90.0141, rel=1e-4)
     assert values["heat.case_capacity"] * values["heat.case_to_ambient"] == pytest.approx(3781.17, rel=1e-4)
     no_i2t = {"heat.continuous_current": 60.0}
-    found, before = (envelope(p.with_values(no_i2t), 10.0).continuous for p in (published, shipped))
+    continuous, shipped_continuous = (envelope(p.with_values(no_i2t), 10.0).continuous for p in (published, shipped))
     loss = (155.0 - 24.0) / (1.6372 + 15.2925)
     current = sqrt(loss / (0.25 * (1.0 + 0.00387 * 131.0)))
     torque = 0.11 * current * (1.0 - 0.0011 * 15.2925 * loss)
-    assert (found.current, found.torque[0]) == pytest.approx((current, torque), rel=1e-9)
+    assert (continuous.current, continuous.torque[0]) == pytest.approx((current, torque), rel=1e-9)
     assert current == pytest.approx(4.53, abs=0.01)
-    assert found.torque[0] / before.torque[0] == pytest.approx(0.19, abs=0.01)
+    assert continuous.torque[0] / shipped_continuous.torque[0] == pytest.approx(0.19, abs=0.01)
 
 
-def test_a_hinge_of_15_kilonewton_metres_per_radian() -> None:
+def test_a_hinge_of_15_kilonewton_metres_per_radian_twists_under_a_load() -> None:
     parameters = loaded("hinge-stiffness", "elastic")
     shaft = 80e9 * pi * 0.025**4 / (32.0 * 0.1)
     assert parameters.values["drive_line.shaft_stiffness"] == pytest.approx(shaft, rel=2e-3)
     stiffness = 1.0 / (2.0 / 60e3 + 1.0 / 30.7e3)
     assert parameters.values["drive_line.hinge_damping"] == pytest.approx(0.04 * sqrt(stiffness * 0.06), rel=0.01)
-    held = {"friction.coulomb.positive[0]": 9.0, "friction.coulomb.negative[0]": 9.0, "drive_line.backlash": 0.0,
+    blocked = {"friction.coulomb.positive[0]": 9.0, "friction.coulomb.negative[0]": 9.0, "drive_line.backlash": 0.0,
             "friction.fin_viscous": 50.0, "friction.fin_coulomb": 0.0}
-    stiff, soft = (simulate(p.with_values(held).values, 0.4, model="elastic", enable=False, aero_torque=50.0)
+    stiff, soft = (simulate(p.with_values(blocked).values, 0.4, model="elastic", enable=False, aero_torque=50.0)
                    for p in (load_parameters(model="elastic"), parameters))
-    more = soft["fin_angle"][-1] - stiff["fin_angle"][-1]
-    assert more == pytest.approx(50.0 / stiffness, rel=3e-3)
-    assert np.degrees(more) == pytest.approx(0.19, abs=0.01)
+    twist = soft["fin_angle"][-1] - stiff["fin_angle"][-1]
+    assert twist == pytest.approx(50.0 / stiffness, rel=3e-3)
+    assert np.degrees(twist) == pytest.approx(0.19, abs=0.01)

@@ -118,7 +118,6 @@ def test_a_charging_link_recovers_at_the_recovery_voltage() -> None:
 
 # -- a blocked motor --------------------------------------------------------------
 
-
 @pytest.mark.parametrize("current", [20.0, -35.0])
 def test_a_blocked_motor_draws_the_losses_of_copper_and_inverter(current: float) -> None:
     run = run_of({**BLOCKED_MOTOR, "drive.current_offset": current}, 0.05)
@@ -222,7 +221,6 @@ def test_the_source_s_energy_is_work_heat_and_charge() -> None:
 
 
 # -- with the actuator ------------------------------------------------------------
-
 
 @pytest.mark.parametrize("changes", others_slow([
     {}, {"supply.one_way": False, "supply.source_resistance": 0.15},

@@ -1,4 +1,4 @@
-"""Several fins on one pressure line: as one alone where it is stiff, else as SciPy has fins, pump and gas together."""
+"""Several fins on one pressure line: single fins if it is stiff, otherwise an independent integration by SciPy."""
 
 from __future__ import annotations
 
@@ -35,13 +35,18 @@ VOLUME = "line.accumulator_volume"
 SAG = {VOLUME: 5e-5, "line.pump_flow": 8e-5}
 
 
+def run_of(commands: Any, line: Mapping[str, float], pressure: Any, **changes: float) -> Any:
+    """Return a run of four fins under commands [rad] and pump settings [Pa] at samples of 1 ms."""
+    inputs: dict[str, Any] = {f"fin[{k}].fin_command": commands[k - 1] for k in range(1, 5)}
+    return simulate_fins([{**VALUES, **changes}] * 4, (len(pressure) - 1) * 1e-3, 1e-3, MODEL, line,
+                         supply_pressure=pressure, **inputs)
+
+
 def test_four_fins_on_a_stiff_line_are_single_ones() -> None:
-    """To the bit, with any pump: nothing couples them."""
+    """To the bit, with any pump: the line does not couple them."""
     rng = np.random.default_rng(7)
     pressure, commands = 21e6 * rng.uniform(-0.1, 1.2, 61), rng.uniform(-0.4, 0.4, (4, 61))
-    given: dict[str, Any] = {f"fin[{k}].fin_command": commands[k - 1] for k in range(1, 5)}
-    together = simulate_fins([VALUES] * 4, 0.06, 1e-3, MODEL, {"line.pump_flow": 0.0}, supply_pressure=pressure,
-                             **given)
+    together = run_of(commands, {"line.pump_flow": 0.0}, pressure)
     for k in range(1, 5):
         alone = simulate(VALUES, 0.06, kernel="python", model=MODEL, supply_pressure=pressure,
                          fin_command=commands[k - 1])
@@ -50,7 +55,7 @@ def test_four_fins_on_a_stiff_line_are_single_ones() -> None:
 
 
 def integrated(line: Mapping[str, float], commands: np.ndarray[Any, Any], setting: np.ndarray[Any, Any]) -> Any:
-    """Angles and pressure at the samples, 1 ms apart: fins, pump and gas together, the equations written anew."""
+    """Return the states at samples of 1 ms from an independent integration of fins, pump and gas."""
     v0, p0, n = line[VOLUME], 12.6e6, 1.4
     state, rows = np.r_[np.zeros(8), setting[0]], []
 
@@ -70,35 +75,33 @@ def integrated(line: Mapping[str, float], commands: np.ndarray[Any, Any], settin
 
 @pytest.mark.parametrize(("volume", "flow"), [(5e-5, 8e-5), (2e-4, 0.0)])
 def test_a_line_that_sags_converges_to_an_independent_integration(volume: float, flow: float) -> None:
-    """With a small accumulator, and with no pump at all; of first order in the update time."""
+    """To first order in the update time, with a small accumulator and without a pump."""
     line, time = {VOLUME: volume, "line.pump_flow": flow}, np.arange(151) * 1e-3
     commands = np.array([[0.3], [0.3], [-0.2], [0.25]]) * np.sign(np.sin(2.0 * np.pi * 8.0 * time + 0.1))
-    setting = np.where(time < 0.1, 21e6, 24e6)  # it steps, the pressure does not
+    setting = np.where(time < 0.1, 21e6, 24e6)
     exact = integrated(line, commands, setting)
-    given: dict[str, Any] = {f"fin[{k}].fin_command": commands[k - 1] for k in range(1, 5)}
     angles, pressures = [], []
     for update in (1e-3, 5e-4, 2.5e-4):
-        run = simulate_fins([{**VALUES, "solver.max_tick": 5e-5}] * 4, 0.15, 1e-3, MODEL,
-                            {**line, "line.update_time": update}, supply_pressure=setting, **given)
+        run = run_of(commands, {**line, "line.update_time": update}, setting, **{"solver.max_tick": 5e-5})
         angles.append(max(np.abs(run[f"fin[{k}].fin_angle"] - exact[:, k - 1]).max() for k in range(1, 5)))
         pressures.append(np.abs(run["line_pressure"] - exact[:, 8]).max())
     assert exact[:, 8].min() < 0.85 * 21e6
     for errors in (angles, pressures):
         orders = np.log2(np.array(errors[:-1]) / errors[1:])
-        assert np.abs(orders - 1.0).max() < 0.1, errors  # one; what is of second order is small below 1 ms
-    assert np.degrees(angles[2]) < 0.01  # of 17 deg and more, at two and a half times the default update time
+        assert np.abs(orders - 1.0).max() < 0.1, errors  # second-order terms are small at 1 ms
+    assert np.degrees(angles[2]) < 0.01  # of 17 deg and more, at 2.5 times the default update time
     assert pressures[2] < 1e-3 * 21e6
 
 
-def test_fins_share_what_the_line_gives() -> None:
-    def travelled(others: float, **line: float) -> float:
+def test_a_weak_line_makes_fins_that_move_together_slower() -> None:
+    def angle(others: float, **line: float) -> float:
         run = simulate_fins([VALUES] * 4, 0.05, 1e-3, MODEL, {f"line.{k}": v for k, v in line.items()}, **{
             "fin[1].fin_command": 0.4, **{f"fin[{k}].fin_command": others for k in (2, 3, 4)}})
         return float(run["fin[1].fin_angle"][-1])
 
-    assert travelled(0.4) == travelled(0.0)
+    assert angle(0.4) == angle(0.0)
     weak = {"accumulator_volume": 2e-5, "pump_flow": 5e-5}
-    assert travelled(0.4, **weak) < 0.95 * travelled(0.0, **weak)
+    assert angle(0.4, **weak) < 0.95 * angle(0.0, **weak)
 
 
 def test_power_is_pressure_times_flow() -> None:
@@ -109,19 +112,22 @@ def test_power_is_pressure_times_flow() -> None:
     assert run["line_pressure"].min() < 0.8 * 21e6
 
 
-def test_what_is_refused_and_printed(tmp_path: Path) -> None:
+def test_a_parameter_of_a_bus_is_refused() -> None:
     with pytest.raises(EmcasError, match=r"there is no bus.source_resistance; the pressure line has line.accumulator"):
         simulate_fins([VALUES] * 2, 0.01, model=MODEL, line={"bus.source_resistance": 0.1})
     assert FmuInterface(1, MODEL).line is None
+
+
+def test_the_command_prints_pressure_and_flow_of_the_line(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, [
         "simulate", "--model", MODEL, "--fins", "4", "--step", "15", "--stop", "0.2", "--set", f"{VOLUME}=50 ml",
         "--set", "line.pump_flow=4.8 l/min", "--set", "supply_pressure=200 bar", "-o", str(tmp_path / "r.csv"),
         "--json", str(tmp_path / "r.json")])
     assert result.exit_code == 0, result.output
-    columns, found = read_csv(tmp_path / "r.csv"), json.loads((tmp_path / "r.json").read_text())["line"]
+    columns, figures = read_csv(tmp_path / "r.csv"), json.loads((tmp_path / "r.json").read_text())["line"]
     assert columns["line_pressure"][0] == 20e6
-    assert found["lowest_line_pressure_mpa"] == pytest.approx(min(columns["line_pressure"]) / 1e6, rel=1e-12)
-    assert found["peak_line_flow_l_per_min"] == pytest.approx(max(columns["line_flow"]) * 6e4, rel=1e-12)
+    assert figures["lowest_line_pressure_mpa"] == pytest.approx(min(columns["line_pressure"]) / 1e6, rel=1e-12)
+    assert figures["peak_line_flow_l_per_min"] == pytest.approx(max(columns["line_flow"]) * 6e4, rel=1e-12)
     assert "line: lowest_line_pressure_mpa 1" in result.output
 
 
@@ -142,20 +148,20 @@ def native(built: Mapping[str, Path], tmp_path_factory: pytest.TempPathFactory) 
 @pytest.mark.fmu
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", ["python", "native"])
-def test_the_unit_s_interface(built: Mapping[str, Path], backend: str) -> None:
+def test_the_fmu_describes_the_line(built: Mapping[str, Path], backend: str) -> None:
     assert validate_fmu(str(built[backend])) == []
     with ZipFile(built[backend]) as archive:
         root = fromstring(archive.read("modelDescription.xml"))
         page = archive.read("documentation/index.html").decode()
         terminals = archive.read("terminalsAndIcons/terminalsAndIcons.xml").decode()
     assert "; 4 fins on one pressure line; fins at " in root.attrib["description"]
-    units = {v.attrib["name"]: v[0].attrib for v in root.findall("ModelVariables/ScalarVariable")}
+    variables = {v.attrib["name"]: v[0].attrib for v in root.findall("ModelVariables/ScalarVariable")}
     types = {t.attrib["name"]: t[0].attrib for t in root.findall("TypeDefinitions/SimpleType")}
     for name, unit, shown in (("supply_pressure", "Pa", "bar"), ("line_pressure", "Pa", "bar"),
                               ("line_flow", "m3/s", "l/min"), (VOLUME, "m3", "l")):
-        assert (units[name]["unit"], types[units[name]["declaredType"]]["displayUnit"]) == (unit, shown)
-    assert float(units["supply_pressure"]["start"]) == 21e6
-    assert not [name for name in units if "bus" in name]
+        assert (variables[name]["unit"], types[variables[name]["declaredType"]]["displayUnit"]) == (unit, shown)
+    assert float(variables["supply_pressure"]["start"]) == 21e6
+    assert not [name for name in variables if "bus" in name]
     assert "hydraulic supply" in terminals
     assert f"<code>{VOLUME}</code> above 0" in page
     assert "gas accumulator" in page
@@ -163,8 +169,8 @@ def test_the_unit_s_interface(built: Mapping[str, Path], backend: str) -> None:
 
 @pytest.mark.fmu
 @pytest.mark.slow
-def test_both_back_ends_are_one_model(native: Fmu) -> None:
-    """In lockstep under changing inputs, states restored on the way: the same bits."""
+def test_back_ends_compute_the_same_bits(native: Fmu) -> None:
+    """In lockstep under changing inputs, with restored states."""
     fins = Lockstep(MODEL, native, {**SAG, "line.polytropic_exponent": 1.2, "supply_pressure": 18e6})
     levels = [fins.unit.get("line_pressure") for _ in fins.run(12, "supply_pressure", 0.0, 25e6)]
     assert min(levels) < 16e6
@@ -175,19 +181,20 @@ def test_both_back_ends_are_one_model(native: Fmu) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("volume", [0.0, 5e-5])
 def test_ramps_of_the_setting_do_not_depend_on_the_step(native: Fmu, volume: float) -> None:
-    """Input derivatives, in one step or in twenty: on a stiff line the valves get the ramp, else the pump does."""
-    found = []
+    """A ramp by input derivatives in 1, 4 or 20 steps acts on the valves of a stiff line, otherwise on the pump."""
+    results = []
     for steps in (1, 4, 20):
-        unit = Instance(native)
-        assert max(unit.initialize(**{**SAG, VOLUME: volume, "supply_pressure": 15e6})) == OK
+        instance = Instance(native)
+        assert max(instance.initialize(**{**SAG, VOLUME: volume, "supply_pressure": 15e6})) == OK
         for k in range(1, 5):
-            unit.set(f"fin[{k}].fin_command", radians(15.0))
+            instance.set(f"fin[{k}].fin_command", radians(15.0))
         for k in range(steps):
-            unit.set("supply_pressure", 15e6 + 10e6 * k / steps)
-            assert unit.differentiate("supply_pressure", 1, 10e6 / 0.02) == OK
-            assert unit.step(k * 0.02 / steps, 0.02 / steps) == OK
-        found.append([unit.get(n) for n in ("fin[1].fin_angle", "fin[1].fin_rate", "line_pressure", "supply_pressure")])
-        unit.free()
-    # A tick takes a ramp at its middle: cut by a communication point, at the middles of both parts.
-    assert np.array(found[1:]) == pytest.approx(np.array([found[0], found[0]]), rel=1e-4)
-    assert (found[0][2] == pytest.approx(25e6, rel=1e-12)) is (volume == 0.0)
+            instance.set("supply_pressure", 15e6 + 10e6 * k / steps)
+            assert instance.differentiate("supply_pressure", 1, 10e6 / 0.02) == OK
+            assert instance.step(k * 0.02 / steps, 0.02 / steps) == OK
+        results.append([instance.get(name) for name in (
+            "fin[1].fin_angle", "fin[1].fin_rate", "line_pressure", "supply_pressure")])
+        instance.free()
+    # A tick uses the ramp at its middle; a tick cut by a communication point uses it at the middles of both parts.
+    assert np.array(results[1:]) == pytest.approx(np.array([results[0], results[0]]), rel=1e-4)
+    assert (results[0][2] == pytest.approx(25e6, rel=1e-12)) is (volume == 0.0)

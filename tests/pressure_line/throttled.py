@@ -1,8 +1,8 @@
-"""A fin on a rotary hydraulic motor behind a valve, as simple as a load of a pressure line can be.
+"""A fin on a rotary hydraulic motor behind a valve, the simplest load of a pressure line.
 
     d(delta)/dt = w        dw/dt = (Q_r u sqrt(p/p_r)/D - w)/tau        Q = Q_r |u| sqrt(p/p_r)        P = p Q
 
-The valve's opening u, within 1, is proportional to the error at the last sample. No load moves it.
+The valve's opening u, from -1 to 1, is proportional to the error at the last sample. Loads do not move the fin.
 """
 
 from emcas_fmu.actuators import fin_port
@@ -23,13 +23,13 @@ SUPPLY_POWER = real_output("supply_power", "W", "hydraulic power drawn: pressure
 
 
 def sample(ops, p, x, inputs):
-    """Open the valve as far as the error asks for; not while disabled."""
+    """Return the valve's opening, proportional to the error; 0 while disabled."""
     error = fin_port.clipped_command(ops, p, inputs.command) - x.fin_angle
     return {"reference": ops.where(inputs.enable, ops.clip(p.valve.gain * error, -1.0, 1.0), 0.0)}
 
 
 def flow(ops, p, u):
-    """Return the flow [m3/s] through the valve, of the opening's sign."""
+    """Return the flow [m3/s] through the valve, with the opening's sign."""
     return p.valve.rated_flow * u.reference * ops.sqrt(ops.maximum(u.supply, 0.0) / p.valve.rated_pressure)
 
 
