@@ -277,7 +277,7 @@ def test_back_ends_compute_the_same_bits(built: Mapping[str, Path], tmp_path_fac
     folder = tmp_path_factory.mktemp("unpacked")
     shutil.unpack_archive(built["native"], folder, "zip")
     fins = Lockstep(MODEL, Fmu(str(folder)), WITH_LINK)
-    native = fins.instance
+    native = fins.unit
     assert min(native.get("bus_voltage") for _ in fins.run(8, "supply_voltage", 20.0, 42.0)) < 30.0
     damaged = bytearray(native.serialize(native.save()))
     damaged[-9] ^= 64

@@ -41,7 +41,7 @@ def values_of(*changes: Mapping[str, Any], model: str, **named: Any) -> Mapping[
         changed | {name.replace("__", "."): value for name, value in named.items()}).values
 
 
-def assert_equal(run: Mapping[str, Any], expected: Mapping[str, Any], rows: slice = slice(None)) -> None:
+def assert_equal(run: Mapping[str, Any], expected: Mapping[str, Any], *, rows: slice = slice(None)) -> None:
     """Check that a run has every column of `expected`, bit for bit."""
     for name, column in expected.items():
         assert np.array_equal(run[name][rows], column[rows]), name
@@ -73,7 +73,7 @@ def tick_errors(base: str, extension: str, values: Mapping[str, Any], stop: floa
     """
     module, name = REFERENCES[base]
     rows = round(stop / 1e-3) + 1
-    columns = {key: np.broadcast_to(column, rows) for key, column in inputs.items()}
+    columns: dict[str, Any] = {key: np.broadcast_to(column, rows) for key, column in inputs.items()}
     exact = integrate(values, {"time": np.arange(rows) * 1e-3, **columns},
                       getattr(import_module(f"emcas_fmu.reference.{module}"), name))["fin_angle"]
     runs = [simulate({**values, "solver.max_tick": values["solver.max_tick"] * tick}, stop, model=f"{base}+{extension}",
@@ -88,7 +88,7 @@ def case_error(model: str, values: Mapping[str, Any], name: str, rows: int, **ch
     """
     (case,) = (each for each in files.cases(model, values) if each.name == name)
     values = {**values, **case.overrides, **{key.replace("__", "."): value for key, value in changes.items()}}
-    inputs = {key: column[:rows] for key, column in case.inputs().items()}
+    inputs: dict[str, Any] = {key: column[:rows] for key, column in case.inputs().items()}
     exact = files.simulator(model)(values, inputs)
     time = inputs.pop("time")
     run = simulate(values, float(time[-1]), float(time[1]), model=model, **inputs)

@@ -152,7 +152,7 @@ def test_a_winding_fault_has_no_effect_before_it_and_the_actuator_recovers_after
     plain, run = (simulate(scheduled(MODEL, *names, begin=0.1, end=0.2), 1.0, model=MODEL, fin_command=radians(8.0))
                   for names in ((), (fault,)))
     del plain["fault_word"]
-    assert_equal(run, plain, slice(0, 100))
+    assert_equal(run, plain, rows=slice(0, 100))
     assert run["fin_angle"][-1] == pytest.approx(radians(8.0), abs=radians(0.05))
 
 
