@@ -111,3 +111,17 @@ def test_a_threshold_at_the_start_of_the_search_is_a_bound(monkeypatch: pytest.M
     groups = accuracy.threshold(Rig(ParameterSubject(load_parameters()))).groups
     for group in groups.values():
         assert [group.shown(q)[:2] for q in accuracy.THRESHOLD] == ["≤ ", "≤ "]
+
+
+@pytest.mark.parametrize(("model", "share", "hinge"), [("elastic", 1.0, 2.0), ("nonlinear+stribeck", 1.3, 0.0),
+                                                       ("nonlinear+lugre", 1.26, 0.0)])
+def test_breakaway_is_not_the_twist_of_a_fin_that_stays(model: str, share: float, hinge: float) -> None:
+    """Friction at the motor, times the ratio, and at the hinge hold the fin; shaft, gap and bristles yield before.
+
+    2 % is the ratio of the bisection's moments, half a percent the ramp's and the friction's dependence on the angle.
+    """
+    def moved_by(name: str) -> float:
+        groups = stiffness.measure(Rig(ParameterSubject(load_parameters(model=name)))).groups
+        return float(groups["breakaway"].figures["positive_n_m"])
+
+    assert moved_by(model) == pytest.approx(share * moved_by("nonlinear") + hinge, rel=0.025)
