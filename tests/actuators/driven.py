@@ -1,9 +1,9 @@
-"""An actuator of the tests' own: a fin that a pressure moves, with inputs and states that no shipped one has.
+"""A test actuator: a fin that a pressure moves, with inputs and states that no shipped actuator has.
 
     T d2(delta)/dt2 = p/p_0 k (delta_c - delta) - d(delta)/dt + drift
 
-Explicit midpoint, which takes no event: enough for tests that two back ends do the same, and that its inputs act when
-they change.
+The step is the explicit midpoint rule without events. It suffices to test that both back ends compute the same, and
+that inputs act at the time at which they change.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ ACTUATOR = Actuator(
     states=(State("fin_angle", "rad"), State("fin_rate", "rad/s")),
     controller_states=(State("samples"),),
     sampled_states=(State("gain"),),
-    # The Boolean first: what acts on the plant is to be found wherever it stands.
+    # The Boolean, which only samples read, is first: inputs that act on the plant must be found at any position.
     further_inputs=(boolean_input("boost", "doubles gain and command", False),
                     real_input("hydraulic.pressure", "Pa", "pressure of the line", start=RATED),
                     real_input("drift", "rad/s", "speed at which the fin creeps")),

@@ -1,4 +1,4 @@
-"""Runs of the electrohydrostatic actuator, for its tests."""
+"""Simulations of the electrohydrostatic actuator for its tests."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ MODEL = "electrohydrostatic"
 BASE = load_parameters(model=MODEL)
 DRY = {"friction.fin_coulomb": 0.0, "cylinder.coulomb_friction": 0.0, "pump.coulomb_friction": 0.0,
        "pump.pressure_friction": 0.0}
-"""Without dry friction."""
+"""Parameters without dry friction."""
 EXACT = {"transducer.resolution": 0.0}
 
 
 def values_of(overrides: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
-    """Its default values with others over them."""
+    """Return the default values with overrides."""
     return BASE.with_values(overrides or {}).values
 
 
@@ -27,5 +27,5 @@ def run_of(overrides: Mapping[str, Any], stop: float, step: float = 1e-3, **inpu
 
 
 def lever(values: Mapping[str, Any], angle: Any = 0.0) -> Any:
-    """dx/d(fin angle) [m]."""
+    """Return the piston's displacement over the fin angle, dx/d(delta) [m]."""
     return values["kinematics.moment_arm"] / cos(angle + values["kinematics.initial_angle"]) ** 2

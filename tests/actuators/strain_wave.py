@@ -1,7 +1,7 @@
-"""An actuator of the tests' own: motor, drive and loops of the nonlinear one on a strain-wave gear of constant ratio.
+"""A test actuator: motor, drive and loops of the nonlinear actuator on a strain-wave gear of constant ratio.
 
-It is composed of groups, with a group of its own for the gear instead of screw and lever; its groups say which
-extensions it takes.
+It is composed of groups, with its own group for the gear instead of screw and lever. From its groups follow the
+extensions that it may have.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ COMPOSITION = interface.composed(nonlinear.moment, *groups.with_gear(GEAR, "flex
 
 
 def geared(_: Ops, p: Any) -> Any:
-    """Return the parameters of an equivalent screw of that ratio without lever."""
+    """Return the parameters of an equivalent screw with the gear's ratio and without lever."""
     return with_values(COMPOSITION.completed(p, (groups.LEVER, groups.SCREW)), {
         "kinematics.moment_arm": p.gear.ratio, "screw.lead": 1.0, "inertia.screw": p.gear.inertia})
 

@@ -1,9 +1,7 @@
-"""The simpler actuators: against closed forms, against each other, and as FMUs behind the one interface."""
+"""The linear and the second-order actuator against closed forms, the fit of the latter, and names of variables."""
 
 from __future__ import annotations
 
-import zipfile
-from collections.abc import Mapping
 from dataclasses import replace
 from math import radians
 from pathlib import Path
@@ -11,41 +9,28 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fmpy import read_model_description
-from fmpy.validation import validate_fmu
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from scipy.signal import lsim
 
-from emcas_fmu.actuators import NAMES, NONLINEAR, fin_port, get
+from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.fmi.fmi2.slave import Slave
-from emcas_fmu.fmi.interface import FmuInterface
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.fitting import MODEL, fit, write_fitted
 
-from ..fmu.built import both
-from ..fmu.built import slave_class as local_class
-from ..fmu.host import OK, Fmu, Instance
-from ..marks import others_slow
 
-OTHERS = [name for name in NAMES if name != NONLINEAR]
-
-
-def test_linear_is_the_thesis_linear_model() -> None:
-    """Against matrix exponentials: of second order in the tick, and closer than the encoder can tell at the default."""
+def test_linear_actuator_agrees_with_the_thesis_linear_model() -> None:
+    """The error against matrix exponentials is of second order in the tick, and small at the default tick."""
     command = np.full(301, 0.1)
     errors = []
-    for tick in (5e-4, 2.5e-4, 1.25e-4):  # which halves the parts of a sample time too
+    for tick in (5e-4, 2.5e-4, 1.25e-4):  # the delay of 3.5 ms is a multiple of each
         values = load_parameters(model="linear").with_values({
             "solver.max_tick": tick, "drive.transport_delay": 3.5e-3}).values
         found = simulate(values, 0.3, model="linear", fin_command=command)["fin_angle"]
         errors.append(np.abs(found - LinearModel(values).simulate(command)).max())
     slopes = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert np.all(np.abs(slopes - 2.0) < 0.3), slopes  # the order, away from its asymptote
-    assert np.degrees(errors[0]) < 1e-4  # of 5.7 deg; a count is 7e-4 deg at the fin
+    assert np.all(np.abs(slopes - 2.0) < 0.3), slopes  # ticks are too long for exactly 2
+    assert np.degrees(errors[0]) < 1e-4  # of 5.7 deg; a count of the encoder is 7e-4 deg of the fin
 
 
 def test_linear_is_linear_in_commands_and_loads() -> None:
@@ -54,33 +39,33 @@ def test_linear_is_linear_in_commands_and_loads() -> None:
     def response(command: float, torque: float) -> Any:
         return simulate(values, 0.2, model="linear", fin_command=command, aero_torque=torque)["fin_angle"]
 
-    both = response(0.1, -40.0)
-    # A tick is cut where its motion reverses: no more apart than the error of ticks, 8e-5 deg (above).
-    assert both == pytest.approx(response(0.1, 0.0) + response(0.0, -40.0), abs=radians(8e-5))
+    together = response(0.1, -40.0)
+    # Ticks end where the motion reverses, so the responses differ by the error of ticks, 8e-5 deg at most (above).
+    assert together == pytest.approx(response(0.1, 0.0) + response(0.0, -40.0), abs=radians(8e-5))
     assert 2.0 * response(0.05, 0.0) == pytest.approx(response(0.1, 0.0), abs=1e-12)
 
 
-def test_linear_with_p_control_leaves_the_load_s_error() -> None:
-    """Final value, section 4.1: T_f/N over K_pos K_vel K_v K_t times the prompt share of the drive's current."""
+def test_linear_actuator_with_p_control_has_the_thesis_load_error() -> None:
+    """Section 4.1: T_f/N over K_pos K_vel K_v K_t times the share of the current that the drive's P control reaches."""
     values = load_parameters(model="linear").with_values({"controller.position.ki": 0.0, "drive.ki": 0.0}).values
     run = simulate(values, 1.0, model="linear", aero_torque=-30.0)
     ratio = values["kinematics.moment_arm"] / values["screw.lead"]
     share = values["drive.kp"] / (values["drive.kp"] + values["motor.resistance"])
     stiffness = (values["controller.position.kp"] * values["controller.velocity.kp"] * values["drive.current_gain"]
                  * values["motor.torque_constant"] * share)
-    # The inertia's loops have settled to 1e-6 after a second.
+    # After 1 s the loops have settled to 1e-6.
     assert run["fin_angle"][-1] == pytest.approx(-30.0 / ratio / stiffness / ratio, rel=1e-4)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.2, 0.7, 1.0, 1.0 + 1e-10, 1.5, 30.0])
-def test_second_order_is_its_closed_form(damping: float) -> None:
+def test_second_order_step_response_has_the_closed_form(damping: float) -> None:
     values = load_parameters(model=MODEL).with_values({
         "second_order.damping": damping, "second_order.rate_limit": 1e5, "drive.transport_delay": 0.0}).values
     frequency = values["second_order.natural_frequency"]
     run = simulate(values, 0.2, model=MODEL, fin_command=0.05)
     system = ([frequency**2], [1.0, 2.0 * damping * frequency, frequency**2])
     _, exact, _ = lsim(system, np.full(len(run["time"]), 0.05), run["time"])
-    # Both exact for a held command: rounding, 1e-9 relative where two roots are taken for a double one.
+    # Both are exact for a constant command: rounding is left, and 1e-9 relative where near roots count as double.
     assert run["fin_angle"] == pytest.approx(exact, abs=1e-10)
 
 
@@ -92,14 +77,12 @@ def test_second_order_keeps_its_limits() -> None:
     slewing = np.abs(run["fin_rate"]) > limit * (1.0 - 1e-9)
     assert slewing.sum() > 500
     assert np.all(run["saturated"][slewing] > 0.0)
-    inner = slewing[1:] & slewing[:-1]
-    travelled = np.abs(np.diff(run["fin_angle"])[inner])
+    travelled = np.abs(np.diff(run["fin_angle"])[slewing[1:] & slewing[:-1]])
     assert np.median(travelled) == pytest.approx(limit * 1e-4, rel=1e-9)
-    assert travelled == pytest.approx(limit * 1e-4, rel=0.1)  # in the tick in which the limit is met or left
+    assert travelled == pytest.approx(limit * 1e-4, rel=0.1)  # also in ticks in which the limit is met or left
 
 
-def test_second_order_rate_limit_converges() -> None:
-    """The onset of the limit within a tick is met to second order."""
+def test_second_order_rate_limit_converges_to_second_order() -> None:
     def run(tick: float) -> Any:
         values = load_parameters(model=MODEL).with_values({"solver.max_tick": tick}).values
         return simulate(values, 0.2, model=MODEL, fin_command=0.3)["fin_angle"]
@@ -107,12 +90,12 @@ def test_second_order_rate_limit_converges() -> None:
     finest = run(1e-6)
     errors = [np.abs(run(tick) - finest).max() for tick in (4e-4, 2e-4, 1e-4)]
     assert np.degrees(errors[0]) < 0.01  # of 17 deg, at half the largest tick
-    # Second order over a factor of four is 16; where the limit falls within a tick moves it either way.
+    # Second order is a factor of 16; the position of the limit's onset within a tick changes it.
     assert errors[2] < errors[0] / 6.0
 
 
-def test_second_order_stands_where_it_is_disabled() -> None:
-    """At once, despite delayed commands; the motion then continues from there."""
+def test_second_order_fin_stops_at_once_when_disabled() -> None:
+    """Delayed commands do not move it; when enabled, the motion continues from this angle."""
     values = load_parameters(model=MODEL).values
     run = simulate(values, 0.3, model=MODEL, fin_command=0.3, enable=lambda t: not 0.05 <= t + 1e-9 < 0.1)
     assert 0.05 < run["fin_angle"][50] < 0.25
@@ -121,8 +104,8 @@ def test_second_order_stands_where_it_is_disabled() -> None:
     assert run["fin_angle"][-1] == pytest.approx(0.3, abs=1e-3)
 
 
-def test_second_order_shows_the_fin_port_alone() -> None:
-    """Its moment is that on the fin, though it moves nothing; it has no motor, no supply and nothing always 0."""
+def test_second_order_has_only_the_outputs_of_the_fin_port() -> None:
+    """Its hinge torque is the load, which does not move the fin."""
     values = load_parameters(model=MODEL).values
     run = simulate(values, 0.1, model=MODEL, fin_command=0.4, aero_torque=-12.0)
     assert set(run) == {"time", "fin_angle", "fin_rate", "hinge_torque", "tracking_error", "measured_fin_angle",
@@ -132,26 +115,25 @@ def test_second_order_shows_the_fin_port_alone() -> None:
     assert np.all(run["saturated"][2:] > 0.0)  # the command is beyond its limit from the first sample on
 
 
-def test_second_order_stops() -> None:
+def test_second_order_fin_meets_and_leaves_its_stop() -> None:
     values = load_parameters(model=MODEL).with_values({
         "fin.stop_angle": radians(20.0), "second_order.damping": 0.1, "second_order.rate_limit": 1e3}).values
     run = simulate(values, 0.5, 1e-4, model=MODEL, fin_command=radians(19.5))
-    # It leaves the stop at w_n^2 0.5 deg = 720 rad/s2, by 3.6e-6 rad within a row.
+    # It leaves the stop with w_n^2 0.5 deg = 720 rad/s2, by 3.6e-6 rad until the next row.
     assert radians(20.0) - 4e-6 < run["fin_angle"].max() <= radians(20.0)
     assert run["fin_angle"][-1] < radians(20.0)
 
 
-def test_fit_finds_what_is_known() -> None:
-    """The nonlinear set as shipped: better than ideal by far, and the shipped file is this fit."""
+def test_shipped_second_order_values_are_the_fit_of_the_shipped_nonlinear_ones() -> None:
     found = fit(load_parameters())
     assert max(found.rms) < 6.0  # % of the step; a fin that rests at its command has 20 and more
     shipped = load_parameters(model=MODEL).values
-    # Four digits are written; the last may move with the compiler.
+    # The file has four digits, the last of which may depend on the compiler.
     for name, value in found.parameters.values.items():
         assert shipped[name] == pytest.approx(value, rel=2e-3), name
 
 
-def test_a_fit_at_a_bound_is_warned_of() -> None:
+def test_a_fit_at_a_bound_has_a_warning() -> None:
     found = fit(load_parameters())
     assert (found.at_bound, found.warnings) == ({}, ())
     found = replace(found, parameters=found.parameters.with_values({"second_order.damping": 3.0}))
@@ -160,103 +142,31 @@ def test_a_fit_at_a_bound_is_warned_of() -> None:
     assert warning.startswith("second_order.damping = 3 is at the upper bound of the fit")
 
 
-def test_fit_keeps_the_actuator(tmp_path: Path) -> None:
-    """The file holds all that the set has changed: it is the fitted set again."""
-    mine = load_parameters().with_values({"command.limit": radians(25.0), "fin.stop_angle": radians(28.0),
-                                      "kinematics.moment_arm": 0.06, "encoder.pulses": 1024,
-                                      "friction.coulomb.positive[1]": 0.02, "loads.gravity": True})
-    found = fit(mine)
+def test_written_fit_has_all_changed_values(tmp_path: Path) -> None:
+    found = fit(load_parameters().with_values({
+        "command.limit": radians(25.0), "fin.stop_angle": radians(28.0), "kinematics.moment_arm": 0.06,
+        "encoder.pulses": 1024, "friction.coulomb.positive[1]": 0.02, "loads.gravity": True}))
     write_fitted(found, tmp_path / "fitted.toml", "a test")
     again = load_parameters(tmp_path / "fitted.toml", model=MODEL)
     assert dict(again.values) == dict(found.parameters.values)
     assert again.values["command.limit"] == radians(25.0)
 
 
-def test_registry_and_files() -> None:
+def test_a_name_has_the_same_kind_unit_and_limits_in_every_actuator() -> None:
+    """Limits of outputs may differ (a pump returns no power), and those of angles (a servo has no lever)."""
+    angles = {"command.limit", "fin.stop_angle", "fin.start_angle"}
+    attributes: dict[str, Any] = {}
+    for v in (v for name in NAMES for v in get(name).inputs + get(name).outputs + get(name).file_entries):
+        limits = () if v.causality == "output" or v.name in angles else (v.minimum, v.maximum)
+        same = (v.kind, v.causality, v.variability, v.unit, *limits)
+        assert attributes.setdefault(v.name, same) == same, v.name
+    assert {"second_order.damping", "pwm.gain"} <= set(attributes)
+
+
+def test_unknown_actuators_and_parameters_are_refused() -> None:
     with pytest.raises(EmcasError, match=r"no actuator 'hydraulic';.* there is nonlinear, linear"):
         get("hydraulic")
-    # A name has the same meaning everywhere: the same unit, limits and kind, with any description. How far an
-    # output can go is the actuator's: a pump gives no power back. So is how far it turns: a servo has no lever.
-    turns = {"command.limit", "fin.stop_angle", "fin.start_angle"}
-    meant: dict[str, Any] = {}
-    for v in (v for name in NAMES for v in get(name).inputs + get(name).outputs + get(name).file_entries):
-        limits = () if v.causality == "output" or v.name in turns else (v.minimum, v.maximum)
-        same = (v.kind, v.causality, v.variability, v.unit, *limits)
-        assert meant.setdefault(v.name, same) == same, v.name
-    assert {"second_order.damping", "pwm.gain"} <= set(meant)
     with pytest.raises(ParameterError, match="the nonlinear actuator has no such parameter"):
         load_parameters().with_values({"second_order.damping": 0.5})
     with pytest.raises(ParameterError, match=r"second_order.damping = -1\.0"):
         load_parameters(model=MODEL).with_values({"second_order.damping": -1.0})
-
-
-# -- FMUs -------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module", params=others_slow(OTHERS, lambda name: name == "second-order"))
-def model(request: pytest.FixtureRequest) -> str:
-    chosen: str = request.param
-    return chosen
-
-
-@pytest.fixture(scope="module")
-def built(model: str, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
-    return both(load_parameters(model=model), tmp_path_factory.mktemp("models"))
-
-
-@pytest.mark.fmu
-@pytest.mark.parametrize("backend", ["python", "native"])
-def test_the_interface_is_the_actuator_s_with_the_fin_port(model: str, built: Mapping[str, Path], backend: str) -> None:
-    """What is there in the FMU is what is declared; the fin port is in each, its inputs first and in one order."""
-    assert validate_fmu(str(built[backend])) == []
-    described = read_model_description(str(built[backend])).modelVariables
-    actuator = get(model)
-    assert [(v.name, v.causality) for v in described] == [
-        (v.name, v.causality) for v in actuator.inputs + actuator.outputs + actuator.parameters]
-    names = [v.name for v in described]
-    assert names[:8] == [v.name for v in FmuInterface(1).variables[:8]]
-    assert {v.name for v in (*fin_port.inputs(), *fin_port.OUTPUTS, *fin_port.PARAMETERS)} <= set(names)
-
-
-_segments = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-150.0, 150.0), st.sampled_from([True, True, False]),
-                               st.sampled_from([2.3e-4, 1e-3, 4.1e-3]), st.integers(1, 20)), min_size=1, max_size=6)
-
-
-@pytest.mark.fmu
-@settings(derandomize=True, max_examples=20,
-          suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
-@given(segments=_segments)
-def test_both_back_ends_are_one_model(model: str, library: Fmu, slave_class: type[Slave], segments: list[Any]) -> None:
-    index = FmuInterface(1, model).reference
-    native, python = Instance(library), slave_class(instance_name="fin")
-    assert max(native.initialize()) == OK
-    python.setup_experiment(0.0)
-    python.enter_initialization_mode()
-    python.exit_initialization_mode()
-    time = 0.0
-    for command, torque, enable, size, steps in segments:
-        python.set_real([index["fin_command"], index["aero_torque"]], [command, torque])
-        python.set_boolean([index["enable"]], [enable])
-        native.set("fin_command", command)
-        native.set("aero_torque", torque)
-        native.set("enable", enable)
-        for _ in range(steps):
-            assert python.do_step(time, size)
-            assert native.step(time, size) == OK
-            time += size
-        reals = [v.name for v in get(model).outputs if v.kind == "Real"]
-        assert python.get_real([index[name] for name in reals]) == [native.get(name) for name in reals]
-    native.free()
-
-
-@pytest.fixture(scope="module")
-def library(built: Mapping[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Fmu:
-    folder = tmp_path_factory.mktemp("unpacked")
-    with zipfile.ZipFile(built["native"]) as archive:
-        archive.extractall(folder)
-    return Fmu(str(folder))
-
-
-@pytest.fixture(scope="module")
-def slave_class(model: str) -> type[Slave]:
-    return local_class(FmuInterface(1, model), [load_parameters(model=model).values])
