@@ -65,7 +65,7 @@ def test_against_the_reference(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["steps", "load", "stop", "disabled"])
-def test_second_order_through_events(name: str) -> None:
+def test_second_order_convergence_through_events(name: str) -> None:
     _, table = inputs_of(name, 0.3)
     # Hinge friction stops the fin and starts it within single ticks, which costs an order, of 1e-5 deg.
     overrides = {**EXACT, **CASES[name][1], "friction.fin_coulomb": 0.0}
