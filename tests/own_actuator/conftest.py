@@ -1,4 +1,4 @@
-"""The example as an actuator of an installed package."""
+"""Fixture: the example as an actuator of an installed package."""
 
 from __future__ import annotations
 

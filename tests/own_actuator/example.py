@@ -1,4 +1,4 @@
-"""The example of a user's own actuator, and copies of it with something changed."""
+"""The example of a user's own actuator, and changed copies of it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ MODEL = str(FILE)
 
 
 def changed(folder: Path, *changes: tuple[str, str], name: str = "mine.py") -> Path:
-    """A copy with texts replaced."""
+    """Write a copy of the example with replaced texts, and return its path."""
     text = FILE.read_text(encoding="utf-8")
     for before, after in changes:
         assert before in text

@@ -1,12 +1,12 @@
-"""An actuator of the tests' own, with equations of its own: a motor with an encoder on a strain-wave gear.
+"""A test actuator with its own equations: a motor with an encoder on a strain-wave gear.
 
     (J_m + J/N^2) dw/dt = K_t i - b w + T/N        i = k u        delta = theta/N
 
-The encoder is the motor's. A PI controller with damping by the encoder's speed commands the current:
+The encoder is on the motor. A PI controller with damping by the measured speed commands the current:
 
     u = k_p (delta_c - delta) + I - k_d d(delta)/dt          dI/dt = k_i (delta_c - delta)
 
-It is clipped at drive.reference_limit; while it is clipped, the integral waits.
+The reference u is clipped at drive.reference_limit; during clipping the integral is constant.
 """
 
 from __future__ import annotations
@@ -37,29 +37,29 @@ PARAMETERS = (
 )
 
 
-def turned(ops: Any, p: Any, angle: Any) -> Any:
+def counted(ops: Any, p: Any, angle: Any) -> Any:
     """Return the motor's angle [counts], whole if the encoder is enabled."""
     counts = angle * (p.encoder.pulses * p.encoder.multiplier / (2.0 * pi))
     return ops.where(p.encoder.enabled, ops.floor(counts), counts)
 
 
 def at_fin(p: Any, counts: Any) -> Any:
-    """Return the fin angle [rad] of an angle of the motor [counts]."""
+    """Return the fin angle [rad] at a motor angle [counts]."""
     return counts * (2.0 * pi / (p.encoder.pulses * p.encoder.multiplier)) / p.gear.ratio
 
 
 def initial(ops: Any, p: Any, start: Any) -> Any:
-    """Rest at the start angle, as the encoder reads it."""
+    """Return states at rest at the start angle, as the encoder measures it."""
     angle = p.gear.ratio * start.fin_angle
-    now = turned(ops, p, angle)
+    now = counted(ops, p, angle)
     counts = now if start.encoder_offset is None else now + start.encoder_offset
     return {"motor_angle": angle, "counts": counts, "before": now, "measured_fin_angle": at_fin(p, counts)}
 
 
 def sample(ops: Any, p: Any, x: Any, inputs: Any) -> Any:
-    """Command a current by the fin angle that the encoder reads."""
+    """Return the reference [V] of the controller, and its states."""
     c, limit = p.controller, p.drive.reference_limit
-    now = turned(ops, p, inputs.position)
+    now = counted(ops, p, inputs.position)
     counts = now if inputs.encoder_offset is None else now + inputs.encoder_offset
     error = fin_port.clipped_command(ops, p, inputs.command) - at_fin(p, counts)
     demand = c.kp * error + x.integral - c.kd * at_fin(p, now - x.before) / c.sample_time
@@ -71,7 +71,7 @@ def sample(ops: Any, p: Any, x: Any, inputs: Any) -> Any:
 
 
 def current(ops: Any, p: Any, u: Any) -> Any:
-    """Return the motor current [A]; none while disabled."""
+    """Return the motor current [A], which is 0 while disabled."""
     return ops.where(u.enabled, p.drive.gain * u.reference, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""The least actuator that provides some capabilities: the fin port, and the variables and states that they list."""
+"""The smallest actuator with given capabilities: the fin port, and the variables and states that they need."""
 
 from __future__ import annotations
 
@@ -47,22 +47,22 @@ def _needed(provided: Iterable[str]) -> Iterator[tuple[str, Variable, Any]]:
 
 
 def least(*provided: str) -> Actuator:
-    """Return an actuator whose fin follows its reference as a second-order lag, and nothing more than is needed."""
+    """Return an actuator whose fin follows its reference as a second-order lag, with only the variables needed."""
     variables = {kind: tuple(v for each, v, _ in _needed(provided) if each == kind)
                  for kind in ("parameters", "outputs", "inputs")}
     names = dict.fromkeys(name for each in provided for name in capabilities.NEEDED_STATES[each])
-    # An encoder on the motor where the screw drive's equations are.
+    # With the equations of the screw drive the encoder is on the motor.
     geared = capabilities.SCREW_DRIVE in provided or capabilities.SCREW_EQUATIONS in provided
     encoder = ("motor_angle", "motor_speed") if geared else PORT
     names |= dict.fromkeys(name for name in encoder if name not in PORT)
-    kept = tuple(State(name) for name in names if name in sampled_states())
+    sampled = tuple(State(name) for name in names if name in sampled_states())
     further = tuple(State(name) for name in names if name not in sampled_states())
     outputs = tuple(v.name for v in variables["outputs"])
     power = real_output("supply_power", "W", "power", 100.0)
     supply = Supply(variables["inputs"][0], power) if variables["inputs"] else None
 
     def counted(angle: Any, offset: Any) -> Any:
-        """Return the encoder's counts, if there is one."""
+        """Return the encoder's counts if the actuator has an encoder."""
         return {"counts": 1e3 * angle + (0.0 if offset is None else offset)} if capabilities.ENCODER in provided else {}
 
     def initial(ops: Any, p: Any, start: Any) -> Any:
@@ -74,7 +74,7 @@ def least(*provided: str) -> Actuator:
         command = fin_port.clipped_command(ops, p, inputs.command)
         gain = p.controller.kp if looped else 1.0
         return {"reference": ops.where(inputs.enable, x.fin_angle + gain * (command - x.fin_angle), 0.0),
-                **{state.name: getattr(x, state.name) for state in kept},
+                **{state.name: getattr(x, state.name) for state in sampled},
                 **counted(x.fin_angle, inputs.encoder_offset)}
 
     def derivatives(ops: Any, p: Any, x: Any, u: Any) -> Any:
@@ -93,7 +93,7 @@ def least(*provided: str) -> Actuator:
                 **({"supply_power": 2.0 * ops.fabs(x.fin_rate)} if supply else {})}
 
     return Actuator(
-        name="least", title="a lag", states=(*map(State, PORT), *further), controller_states=kept,
+        name="least", title="a lag", states=(*map(State, PORT), *further), controller_states=sampled,
         parameters=(*fin_port.PARAMETERS, *variables["parameters"], *((GAIN,) if looped else ())),
         outputs=(*fin_port.OUTPUTS, *variables["outputs"], *((power,) if supply else ())), supply=supply,
         encoder=encoder, initial=initial, sample=sample, derivatives=derivatives, output_values=output_values,
@@ -101,7 +101,7 @@ def least(*provided: str) -> Actuator:
 
 
 def written(folder: Path, *provided: str) -> str:
-    """Write the least actuator that provides capabilities, with its parameter file, and return its path."""
+    """Write the smallest actuator with given capabilities and its parameter file; return its path."""
     path = folder / "least.py"
     path.write_text(TEXT.format(provided=", ".join(map(repr, provided))), encoding="utf-8")
     rows = ['"inertia.fin" = { value = 0.3, unit = "kg*m^2", source = "estimate" }\n']

@@ -1,4 +1,4 @@
-"""What a sample and the outputs return for the port: a wrong angle, limit or power is seen at the first simulation."""
+"""Warnings of the first simulation about a user's wrong measured angle, reference limit or supply power."""
 
 from __future__ import annotations
 
@@ -21,7 +21,13 @@ _POWER = '"supply_power": voltage(ops, u) * x.current'
 _MEASURED = '"measured_fin_angle": {}, "motor_current": x'
 
 
-@pytest.mark.parametrize(("before", "after", "says"), [
+def simulate_briefly(path: Path, extension: str = "") -> None:
+    """Simulate 2 ms of an actuator, which suffices for the checks of a first simulation."""
+    model = f"{path}{extension}"
+    simulate(load_parameters(model=model).values, 0.002, kernel="python", model=model)
+
+
+@pytest.mark.parametrize(("before", "after", "warning"), [
     ("ops.clip(u.reference, -u.supply, u.supply)", "0.1 * u.supply", "no motion depends on the reference of sample()"),
     (_LIMITED, "1.0", "saturated is always true, though fin_angle is commanded to stay"),
     (_LIMITED, "0.0", "returns limited = 0, but the reference is limited to 39; return limited"),
@@ -34,40 +40,40 @@ _MEASURED = '"measured_fin_angle": {}, "motor_current": x'
     (_POWER, f"{_POWER} - 1e-9", "returns supply_power = -1e-09 W at rest while disabled"),
     (_POWER, f"{_POWER} + 3.0", ""),
 ])
-def test_what_is_seen(tmp_path: Path, caplog: pytest.LogCaptureFixture, before: str, after: str, says: str) -> None:
+def test_contradictions_of_the_outputs_are_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture, before: str,
+                                                     after: str, warning: str) -> None:
     path = changed(tmp_path, (before, after))
-    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
-    assert [says in message and message.startswith(str(path)) for message in caplog.messages] == [True] * bool(says)
+    simulate_briefly(path)
+    found = [warning in message and message.startswith(str(path)) for message in caplog.messages]
+    assert found == [True] * bool(warning)
 
 
-def test_a_command_without_effect(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """It is named beside the fin that therefore leaves its angle."""
+def test_a_command_without_effect_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = changed(tmp_path, ("em.fin_port.clipped_command(ops, p, inputs.command)", "0.0"))
-    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    simulate_briefly(path)
     assert f"{path}, line 44: sample() returns the same for every inputs.command; use this input" in caplog.messages
 
 
-def test_a_spring_that_drives(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Its energy is not the supply's: a drive of hardly any voltage, on a stiff spring, draws hardly any power."""
+def test_energy_of_a_spring_is_not_taken_for_the_supply_s(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A drive with hardly any voltage on a stiff spring consumes hardly any power."""
     path = changed(tmp_path, ("ops.clip(u.reference, -u.supply, u.supply)", "ops.clip(1e-9 * u.reference, -u.supply, "
                               "u.supply)"))
-    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    simulate_briefly(path)
     assert not [message for message in caplog.messages if "supply_power" in message]
 
 
-def test_a_line_that_is_fed(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_power_into_a_pressure_line_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """Chambers store energy, but a fin without load returns none."""
     path, text = tmp_path / "mine.py", (FOLDER / "hot_gas.py").read_text(encoding="utf-8")
     path.write_text(text.replace("drawn = p.gas", "drawn = -p.gas"), encoding="utf-8")
-    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    simulate_briefly(path)
     assert [message for message in caplog.messages if "returns a supply_power whose energy is -" in message]
 
 
-def test_an_encoder_on_the_motor(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """The angle that it reads is not the fin's."""
+def test_motor_angle_as_measured_fin_angle_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path, text = tmp_path / "mine.py", (FOLDER / "strain_wave.py").read_text(encoding="utf-8")
     path.write_text(text.replace('_angle": angle', '_angle": x.motor_angle'), encoding="utf-8")
-    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    simulate_briefly(path)
     (message,) = caplog.messages
     assert re.search("measured_fin_angle is 199[78] deg where fin_angle is 19.97 deg", message)
 
@@ -76,42 +82,44 @@ def test_an_encoder_on_the_motor(tmp_path: Path, caplog: pytest.LogCaptureFixtur
     ("now + start.encoder_offset", "now", "initial"),
     ("now + inputs.encoder_offset", "now - inputs.encoder_offset", "sample"),
 ])
-def test_an_encoder_without_offset(tmp_path: Path, before: str, after: str, name: str) -> None:
-    """It is refused where homing shifts it; without homing nothing depends on it."""
+def test_counts_without_encoder_offset_are_refused_with_homing(tmp_path: Path, before: str, after: str, name: str
+                                                               ) -> None:
+    """Without homing nothing depends on the offset."""
     geared = Path(__file__).with_name("geared.py")
     path, text = tmp_path / "mine.py", geared.read_text(encoding="utf-8")
     assert before in text
     path.write_text(text.replace(before, after), encoding="utf-8")
     copy(geared.with_suffix(".toml"), path.with_suffix(".toml"))
-    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    simulate_briefly(path)
     with pytest.raises(EmcasError, match=rf"mine\.py, line \d+: {name}\(\) returns counts that an encoder_offset of 1"):
-        simulate(load_parameters(model=f"{path}+homing").values, 0.002, kernel="python", model=f"{path}+homing")
+        simulate_briefly(path, "+homing")
 
 
-# Those of which a warning speaks: limit, power, measured angle. Power in motion is judged without extensions only.
-SPOKEN_OF = ("", "+efficiency", "+homing", "+saturation", "+sensors", "+supply")
+# Extensions that change limit, power or measured angle. Power in motion is judged only without extensions.
+RELEVANT = ("", "+efficiency", "+homing", "+saturation", "+sensors", "+supply")
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where an actuator has one file for all extensions: without them it is traced once."""
+    """The folder of one file for each actuator and all its extensions, so that the actuator is traced once."""
     return tmp_path_factory.mktemp("sound")
 
 
 @pytest.mark.parametrize(("name", "extension"), others_slow(
     [(name, extension) for name in NAMES for extension in ("", *(
         f"+{each}" for each in EXTENSIONS if get(name).provides.issuperset(get_extension(each).needs)))
-     if name == "nonlinear" or extension in SPOKEN_OF],
-    lambda case: case[0] == "nonlinear" and case[1] in SPOKEN_OF))
-def test_a_sound_actuator_says_nothing(folder: Path, caplog: pytest.LogCaptureFixture, name: str,
-                                       extension: str) -> None:
-    """The shipped ones, as if they were a user's; their other warnings are true.
+     if name == "nonlinear" or extension in RELEVANT],
+    lambda case: case[0] == "nonlinear" and case[1] in RELEVANT))
+def test_shipped_actuators_cause_no_such_warning(folder: Path, caplog: pytest.LogCaptureFixture, name: str,
+                                                 extension: str) -> None:
+    """The shipped actuators are declared in a user's file; other warnings about them are justified.
 
-    The default one, which takes every extension, has each; the others have those of which a warning speaks.
+    The default actuator is tested with each extension, the others with the relevant ones.
     """
     path = folder / f"{name}.py"
     path.write_text("from dataclasses import replace\n\nfrom emcas_fmu.actuators import get\n\n"
                     f'ACTUATOR = replace(get("{name}"), name="mine")\n', encoding="utf-8")
-    simulate(load_parameters(model=f"{name}{extension}").values, 0.002, kernel="python", model=f"{path}{extension}")
+    model = f"{path}{extension}"
+    simulate(load_parameters(model=f"{name}{extension}").values, 0.002, kernel="python", model=model)
     assert [message for message in caplog.messages
             if re.search("limited|measured_fin_angle|supply_power|saturated", message)] == []

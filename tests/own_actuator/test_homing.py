@@ -1,4 +1,4 @@
-"""Homing over an actuator with equations and controllers of its own: motor and encoder on a strain-wave gear."""
+"""Homing of a user's actuator with its own equations and controllers: motor and encoder on a strain-wave gear."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ START = radians(5.0)
 
 @pytest.mark.parametrize("kernel", ["compiled", "python"])
 @pytest.mark.parametrize("encoder", [True, False])
-def test_it_finds_both_stops_and_zero(kernel: str, encoder: bool) -> None:
-    """From 5 deg, taken for 0, to both stops and to zero, then 3 deg as commanded."""
+def test_homing_finds_both_stops_and_zero(kernel: str, encoder: bool) -> None:
+    """The fin starts at an unknown angle of 5 deg; after homing it follows a command of 3 deg."""
     model = f"{MODEL}+homing"
     values = load_parameters(model=model).with_values(
         {"fin.start_angle": START, "homing.required": True, "encoder.enabled": encoder}).values
@@ -32,12 +32,12 @@ def test_it_finds_both_stops_and_zero(kernel: str, encoder: bool) -> None:
     assert np.max(angle) == pytest.approx(stop, rel=1e-9)
     assert np.min(angle) == pytest.approx(-stop, rel=1e-9)
     count = 2.0 * np.pi / (values["encoder.pulses"] * values["encoder.multiplier"] * values["gear.ratio"])
-    # A count of the encoder at each stop; 0.002 deg are the integral's rest after a second and a half.
+    # An error of a count at each stop, and 0.01 deg for integral action that still settles after 1.5 s (0.002 deg).
     assert angle[-1] == pytest.approx(radians(3.0), abs=2.0 * count + radians(0.01))
     assert run["measured_fin_angle"][-1] == pytest.approx(angle[-1], abs=2.0 * count)
 
 
-def test_an_obstacle_is_no_stop() -> None:
+def test_homing_fails_at_an_obstacle() -> None:
     model = f"{MODEL}+homing+faults"
     values = load_parameters(model=model).with_values(
         {"fin.start_angle": START, "homing.required": True, "fault.jam.begin": 2.0, "fault.jam.end": 9.0}).values
