@@ -1,4 +1,4 @@
-"""Discontinuities beside smooth equations: closed forms, independent integrations, both back ends, errors."""
+"""Discontinuities beside smooth equations: closed forms, independent integrations, both kernels, errors."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ from emcas_fmu.reference.files import cases, simulator
 from emcas_fmu.runtime.c_sources import kernel_header
 from emcas_fmu.simulation import simulate
 from emcas_fmu.steppers.discontinuities import System
+from tests.actuators.checks import assert_kernels_agree
 
 from .example import FOLDER
 
 EXAMPLES = ("strain_wave", "hot_gas")
-# deg at ticks of 0.1 ms; measured 6.3e-6 and 8.5e-7, and in the long cases up to 3.6e-4 and 1.7e-4: in the strain-wave
-# gear the fin starts and stops within single ticks, which costs an order.
+# deg at ticks of 0.1 ms; 6.3e-6 and 8.5e-7 measured. In the long cases 3.6e-4 and 1.7e-4 are measured; in the
+# strain-wave gear the fin starts and stops within single ticks, which makes an error of first order.
 TOLERANCE = {"strain_wave": 2e-5, "hot_gas": 2e-6}
 
 
@@ -53,27 +54,23 @@ def test_examples_against_their_independent_integrations(name: str) -> None:
 @pytest.mark.parametrize("case", ["step", "step_plus20", "load_opposing", "load_aiding"])
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_examples_in_long_cases(name: str, case: str) -> None:
-    """The shipped accuracy, 0.002 deg; that of no actuator is lower."""
+    """The limit is that of shipped actuators, 0.002 deg."""
     assert largest_error(name, case) < 0.002
 
 
 @pytest.mark.slow
 def test_second_order_through_choked_edges() -> None:
     coarse, fine = (largest_error("hot_gas", "step_plus5", tick) for tick in (2e-4, 5e-5))
-    assert 1.9 < np.log2(coarse / fine) / 2.0 < 2.1  # measured 2.00
+    assert 1.9 < np.log2(coarse / fine) / 2.0 < 2.1  # 2.00 measured
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_both_back_ends(name: str) -> None:
+def test_kernels_agree(name: str) -> None:
     model = str(FOLDER / f"{name}.py")
-    values = load_parameters(model=model).values
-    python, compiled = (simulate(values, 0.02, model=model, kernel=kernel, fin_command=0.1, aero_torque=-20.0)
-                        for kernel in ("python", "compiled"))
-    for output, column in python.items():
-        np.testing.assert_array_equal(column, compiled[output], err_msg=output)
+    assert_kernels_agree(load_parameters(model=model).values, model, 0.02, fin_command=0.1, aero_torque=-20.0)
 
 
-def test_under_100_lines() -> None:
+def test_examples_have_at_most_100_lines() -> None:
     for name in (*EXAMPLES, "direct_drive"):
         assert len((FOLDER / f"{name}.py").read_text(encoding="utf-8").splitlines()) <= 100, name
 
@@ -81,14 +78,13 @@ def test_under_100_lines() -> None:
 # -- closed forms ------------------------------------------------------------------
 
 
-def run(system: System, x: Mapping[str, float], end: float, tick: float = 1e-3, p: Any = None, **u: float
-        ) -> dict[str, float]:
-    """Return the states at the end of a run [s]."""
+def run(system: System, x: Mapping[str, float], end: float, tick: float = 1e-3, **u: float) -> dict[str, float]:
+    """Return the states at the end [s] of a run."""
     state, time = dict(x), 0.0
     for k in range(round(end / tick)):
         while (k + 1) * tick - time > 1e-15:
-            moved, used = system.step(FLOATS, p, Record(**state), Record(**u), (k + 1) * tick - time)
-            state, time = dict(moved), time + float(used)
+            states, used = system.step(FLOATS, None, Record(**state), Record(**u), (k + 1) * tick - time)
+            state, time = dict(states), time + float(used)
         time = (k + 1) * tick
     return state
 
@@ -98,20 +94,20 @@ def sprung(ops: Any, p: Any, x: Record, u: Record) -> Mapping[str, Any]:
 
 
 def test_free_flight_and_contacts_of_a_backlash() -> None:
-    """Half a period of contact, at omega = 100 1/s, and a flight through a gap of 0.02 rad at 2 rad/s, twice."""
+    """A contact is half a period at omega = 100 1/s, a flight crosses 0.02 rad at 2 rad/s; the run has two of each."""
     gap, rate = 0.01, 2.0
     system = System(sprung, (em.Backlash("mesh", lambda ops, p, x, u: x.fin_angle, gap),), ("fin_angle", "fin_rate"))
-    whole = 2.0 * (pi / 100.0 + 2.0 * gap / rate)
+    period = 2.0 * (pi / 100.0 + 2.0 * gap / rate)
     errors = []
-    for tick in (whole / 64.0, whole / 128.0):
-        end = run(system, {"fin_angle": -gap, "fin_rate": rate}, whole, tick)
+    for tick in (period / 64.0, period / 128.0):
+        end = run(system, {"fin_angle": -gap, "fin_rate": rate}, period, tick)
         errors.append(abs(end["fin_angle"] + gap))
-    assert errors[1] < rate * 2.0 * pi / 100.0 * (100.0 * whole / 128.0) ** 2 / 6.0  # the phase error in two contacts
+    assert errors[1] < rate * 2.0 * pi / 100.0 * (100.0 * period / 128.0) ** 2 / 6.0  # the phase error of two contacts
     assert errors[0] / errors[1] > 3.5
 
 
 def test_a_limit_is_met_to_second_order() -> None:
-    """dy/dt = -y within +-1, from y = 3: a line to 1 at 2 s, then an exponential."""
+    """dy/dt is -y, limited to +-1: from y = 3 a straight line to 1 at 2 s, then an exponential."""
     system = System(lambda ops, p, x, u: {"y": -u.flow}, (em.Limit("flow", lambda ops, p, x, u: x.y, 1.0),), ("y",))
     errors = [abs(run(system, {"y": 3.0}, 3.0, tick)["y"] - exp(-1.0)) for tick in (0.03, 0.015)]
     assert errors[1] < 1e-4
@@ -120,39 +116,40 @@ def test_a_limit_is_met_to_second_order() -> None:
 
 
 @given(st.floats(-3.0, 3.0), st.floats(-5.0, 5.0), st.floats(0.0, 4.0), st.floats(1.0, 2.0))
-def test_dry_friction_takes_energy_and_holds(angle: float, rate: float, torque: float, ratio: float) -> None:
-    """A body of 1 kg.m2 on a spring of 1 N.m/rad."""
+def test_dry_friction_adds_no_energy_and_holds_below_breakaway(angle: float, rate: float, torque: float, ratio: float
+                                                               ) -> None:
+    """The system is a body of 1 kg.m2 on a spring of 1 N.m/rad."""
     friction = em.Coulomb("friction", "fin_rate", torque, ratio)
     system = System(lambda ops, p, x, u: {"fin_angle": x.fin_rate, "fin_rate": -x.fin_angle - u.friction}, (friction,),
                     ("fin_angle", "fin_rate"))
     x = Record(fin_angle=angle, fin_rate=rate)
-    moved, used = system.step(FLOATS, None, x, Record(), 0.05)
-    before, after = (0.5 * (y.fin_angle**2 + y.fin_rate**2) for y in (x, Record(**moved)))
-    # ROS2 with g = 1 - 1/sqrt 2 changes the energy of an oscillation by less than (omega h)^3 of it in a step.
+    states, used = system.step(FLOATS, None, x, Record(), 0.05)
+    before, after = (0.5 * (y.fin_angle**2 + y.fin_rate**2) for y in (x, Record(**states)))
+    # In a step, ROS2 with g = 1 - 1/sqrt 2 changes the energy of an oscillation by less than (omega h)^3 of it.
     assert after <= before * (1.0 + 0.05**3) + 1e-12
     assert 0.0 < used <= 0.05
     if rate == 0.0 and abs(angle) < torque * ratio:
-        assert moved == vars(x)
+        assert states == vars(x)
         u, _ = system.present(FLOATS, None, x, Record())
         assert u.friction == pytest.approx(-angle, abs=1e-12)  # it balances the spring
 
 
-def test_friction_that_falls_lets_go_within_a_step() -> None:
-    """A force of 1 on a body that 2 - t holds: it starts at 1 s, within the second step of 0.7 s."""
+def test_breakaway_within_a_step_when_friction_falls() -> None:
+    """A force of 1 against a friction of 2 - t moves the body at 1 s, within the second step of 0.7 s."""
     friction = em.Coulomb("friction", "rate", lambda ops, p, x, u: 2.0 - x.clock)
     system = System(lambda ops, p, x, u: {"rate": 1.0 - u.friction, "clock": 1.0}, (friction,), ("rate", "clock"))
     end = run(system, {"rate": 0.0, "clock": 0.0}, 1.4, 0.7)
-    # Net force t - 1 over 0.4 s, which a step of second order follows; breakaway is found EDGE, 1e-9, early.
+    # A step of second order is exact for the net force t - 1 over 0.4 s; breakaway is located EDGE = 1e-9 early.
     assert end["rate"] == pytest.approx(0.5 * 0.4**2, rel=1e-6)
 
 
-def test_a_stop_without_friction_is_left_at_once() -> None:
+def test_fin_leaves_a_stop_without_friction_at_once() -> None:
     system = System(lambda ops, p, x, u: {"fin_angle": x.fin_rate, "fin_rate": u.push},
                     (em.Stop("fin_angle", "fin_rate", 0.4),), ("fin_angle", "fin_rate"))
-    met = run(system, {"fin_angle": 0.3, "fin_rate": 10.0}, 0.05, push=1.0)
-    assert met == {"fin_angle": 0.4, "fin_rate": 0.0}
-    left = run(system, met, 0.1, push=-2.0)
-    assert left["fin_angle"] == pytest.approx(0.4 - 0.5 * 2.0 * 0.1**2, rel=1e-9)
+    at_stop = run(system, {"fin_angle": 0.3, "fin_rate": 10.0}, 0.05, push=1.0)
+    assert at_stop == {"fin_angle": 0.4, "fin_rate": 0.0}
+    end = run(system, at_stop, 0.1, push=-2.0)
+    assert end["fin_angle"] == pytest.approx(0.4 - 0.5 * 2.0 * 0.1**2, rel=1e-9)
 
 
 def test_a_stop_whose_limit_reads_a_listed_limit() -> None:
@@ -163,19 +160,19 @@ def test_a_stop_whose_limit_reads_a_listed_limit() -> None:
     assert run(system, {"fin_angle": 0.3, "fin_rate": 10.0}, 0.05, push=1.0) == {"fin_angle": 0.5, "fin_rate": 0.0}
 
 
-def test_a_body_that_starts_and_turns_back_within_a_step_stays() -> None:
-    """Torque 3.1 that falls towards -2.9 with 1 ms, against 3 N.m of friction: it moves for 17 us, by 4e-10 rad."""
+def test_a_motion_that_starts_and_ends_within_a_step_is_not_reversed() -> None:
+    """A torque that falls from 3.1 N.m, against 3 N.m of friction, moves the fin for 17 us by 4e-10 rad."""
     system = System(lambda ops, p, x, u: {"fin_angle": x.fin_rate, "fin_rate": (x.torque - u.friction) / 0.05,
                                           "torque": (-2.9 - x.torque) / 1e-3},
                     (em.Coulomb("friction", "fin_rate", 3.0), em.Stop("fin_angle", "fin_rate", 1.0)),
                     ("fin_angle", "fin_rate", "torque"))
     for tick in (1e-3, 1e-4, 1e-5):
         end = run(system, {"fin_angle": 0.0, "fin_rate": 0.0, "torque": 3.1}, 5e-3, tick)
-        assert 0.0 <= end["fin_angle"] < 1e-9  # friction drives nothing backwards
+        assert 0.0 <= end["fin_angle"] < 1e-9
 
 
-def test_a_limit_on_one_side() -> None:
-    """A check valve, from 0 to infinity: to second order, as with any other high limit."""
+def test_a_limit_on_one_side_is_as_accurate_as_one_with_a_high_limit() -> None:
+    """A check valve has limits of 0 and infinity."""
     def leak(high: float, tick: float) -> float:
         system = System(lambda ops, p, x, u: {"y": 1.0 - 2.0 * u.flow},
                         (em.Limit("flow", lambda ops, p, x, u: x.y, high, 0.0),), ("y",))
@@ -186,8 +183,8 @@ def test_a_limit_on_one_side() -> None:
         assert leak(high, 0.05) == pytest.approx(exact, abs=1e-4)
 
 
-def test_a_limit_of_what_a_step_holds(tmp_path: Path) -> None:
-    """A held reference meets no limit within a step: nothing is compared with itself, of which clang makes an error."""
+def test_a_limit_of_a_constant_makes_no_comparison_with_itself(tmp_path: Path) -> None:
+    """The reference is constant over a step, so it meets no limit within; clang refuses to compare equal operands."""
     file = tmp_path / "mine.py"
     file.write_text("""import emcas_fmu.declare as em
 
@@ -205,20 +202,20 @@ ACTUATOR = em.Actuator(
 # -- the declaration ---------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("listed", "says"), [
+@pytest.mark.parametrize(("discontinuities", "message"), [
     ((em.Coulomb("a", "fin_rate", 1.0), em.Coulomb("b", "fin_rate", 1.0)), "Coulomb of fin_rate is listed twice"),
     ((em.Stop("fin_angel", "fin_rate", 1.0),), "Stop: there is no state fin_angel; did you mean fin_angle?"),
     ((em.Coulomb("fin_angle", "fin_rate", 1.0),), "fin_angle is the name of two things"),
     ((em.Limit("supply", 1.0, 1.0),), "supply is the name of two things"),
 ])
-def test_what_does_not_fit_is_refused(listed: tuple[Any, ...], says: str) -> None:
-    with pytest.raises(EmcasError, match=re.escape(says)):
-        em.Actuator("mine", "mine", states=em.FIN, discontinuities=listed,
+def test_wrong_discontinuities_are_refused(discontinuities: tuple[Any, ...], message: str) -> None:
+    with pytest.raises(EmcasError, match=re.escape(message)):
+        em.Actuator("mine", "mine", states=em.FIN, discontinuities=discontinuities,
                     derivatives=lambda ops, p, x, u: {"fin_angle": 0.0, "fin_rate": 0.0})
 
 
-def test_initial_values_from_inputs() -> None:
-    """The chambers start in equilibrium with the supply, whatever its parameter is, and stay so, in both back ends."""
+def test_initial_values_may_depend_on_inputs() -> None:
+    """The chambers start in equilibrium with the supply input instead of its parameter, and stay there."""
     model = str(FOLDER / "hot_gas.py")
     values = load_parameters(model=model).values
     for kernel in ("python", "compiled"):
@@ -227,8 +224,8 @@ def test_initial_values_from_inputs() -> None:
         np.testing.assert_allclose(run["pressure_1"], 0.8 * 3e6, rtol=1e-12)  # rounding
 
 
-def test_modules_beside_the_file(tmp_path: Path) -> None:
-    """Each file has its own, even of one name; an error in it has its file and line."""
+def test_each_file_imports_the_modules_beside_it(tmp_path: Path) -> None:
+    """Modules of two files may have the same name; an error in a module has its file and line."""
     text = """import emcas_fmu.declare as em
 import gear
 
@@ -248,8 +245,8 @@ ACTUATOR = em.Actuator("geared", "geared", states=em.FIN, values={"inertia.fin":
                  model=str(tmp_path / "wrong" / "mine.py"), kernel="python")
 
 
-def test_a_table(tmp_path: Path) -> None:
-    """Its points and values are variables; points that do not rise are refused."""
+def test_points_and_values_of_a_table_are_parameters(tmp_path: Path) -> None:
+    """Points that do not rise are refused."""
     path = tmp_path / "mine.py"
     path.write_text("""import emcas_fmu.declare as em
 
@@ -281,7 +278,7 @@ ACTUATOR = em.Actuator(
 """
 
 
-@pytest.mark.parametrize(("before", "after", "says"), [
+@pytest.mark.parametrize(("before", "after", "message"), [
     ("- u.friction", "+ u.friction", "Coulomb friction: the derivative of fin_rate must fall with u.friction"),
     ("- u.friction", "", "Coulomb friction: the derivative of fin_rate must fall with u.friction"),
     ("0.0 * u.drive", "0.0", "Limit drive: no derivative depends on u.drive"),
@@ -296,14 +293,15 @@ ACTUATOR = em.Actuator(
      "Stop of fin_angle: its limit is -0.4; it must be above 0"),
 ])
 @pytest.mark.parametrize("start", ["parameters", "inputs"])
-def test_what_a_first_simulation_refuses(tmp_path: Path, start: str, before: str, after: str, says: str) -> None:
+def test_the_first_simulation_refuses_wrong_equations(tmp_path: Path, start: str, before: str, after: str,
+                                                      message: str) -> None:
     path = tmp_path / "mine.py"
     declared = STICK_SLIP.replace(before, after)
     path.write_text(declared if start == "parameters" else declared.replace(
         "discontinuities=", "initial=lambda ops, p, start, u: {}, discontinuities="), encoding="utf-8")
     values = load_parameters(model=str(path)).values
-    kind, *_, name = says.split(":")[0].split() if ": " in says else ("Coulomb", "friction")
+    kind, *_, name = message.split(":")[0].split() if ": " in message else ("Coulomb", "friction")
     lines = [i for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1) if f'{kind}("{name}"' in line]
-    place = f"{path}, line {lines[0]}: " if lines else f"{path}: "  # the stop of every fin need not be listed
-    with pytest.raises(EmcasError, match=re.escape(place) + ".*" + re.escape(says)):
+    location = f"{path}, line {lines[0]}: " if lines else f"{path}: "  # the stop of the fin need not be listed
+    with pytest.raises(EmcasError, match=re.escape(location) + ".*" + re.escape(message)):
         simulate(values, 0.002, model=str(path), kernel="python")

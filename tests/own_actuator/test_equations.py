@@ -1,4 +1,4 @@
-"""The direct drive against its own independent integration, and the stepper that smooth equations get."""
+"""The direct drive against its independent integration, and the stepper of smooth equations."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CASES = {case.name: case for case in cases(PARAMETERS.model, PARAMETERS.values)}
 
 
 def largest_error(case: Case, tick: float) -> float:
-    """Of the fin angle [deg], with ticks of that length [s]."""
+    """Return the largest error of the fin angle [deg] with a tick [s]."""
     inputs, values = case.inputs(), PARAMETERS.with_values({"solver.max_tick": tick, **case.overrides}).values
     signals: dict[str, Any] = {v.name: inputs[v.name] for v in get(MODEL).inputs if v.name in inputs}
     response = simulate(values, float(inputs["time"][-1]), case.step, model=MODEL, **signals)
@@ -40,47 +40,48 @@ def largest_error(case: Case, tick: float) -> float:
 
 @pytest.mark.parametrize("name", ["load_opposing", *slow("step", "sag")])
 def test_against_its_independent_integration(name: str) -> None:
-    """At its default tick of 0.1 ms, a tenth of L/R; measured up to 9e-5 deg."""
+    """At the default tick of 0.1 ms, a tenth of L/R, up to 9e-5 deg are measured."""
     assert largest_error(CASES[name], 1e-4) < 2e-4
 
 
-def test_second_order() -> None:
-    """The slope of the error over the tick, whole parts of the sample time; measured 2.00."""
+def test_second_order_convergence() -> None:
+    """The order is that of ticks that divide the sample time; 2.00 measured."""
     coarse, fine = (largest_error(CASES["step_plus5"], tick) for tick in (2e-4, 5e-5))
     assert 1.95 < log(coarse / fine) / log(4.0) < 2.05
 
 
-def test_a_case_of_another_actuator_is_left_out() -> None:
-    """It has no friction that depends on temperature."""
+def test_cases_that_do_not_apply_are_left_out() -> None:
+    """The direct drive has neither friction that depends on temperature nor an encoder."""
     assert "cold" not in CASES
-    assert all(not case.overrides for case in CASES.values())  # it has no encoder either
+    assert all(not case.overrides for case in CASES.values())
 
 
-def test_a_file_under_120_lines() -> None:
+def test_example_has_less_than_120_lines() -> None:
     assert len(FILE.read_text(encoding="utf-8").splitlines()) < 120
 
 
-def _fast(rate: float, discontinuities: tuple[Any, ...] = ()) -> Any:
+def _damped(rate: float) -> Any:
+    """Return the step of a system whose fin rate decays with a rate [1/s]."""
     def derivatives(ops: Any, p: Any, x: Record, u: Record) -> Mapping[str, Any]:
         return {"fin_angle": x.fin_rate, "fin_rate": -rate * x.fin_rate}
 
-    return System(derivatives, discontinuities, ("fin_angle", "fin_rate")).step
+    return System(derivatives, (), ("fin_angle", "fin_rate")).step
 
 
 @given(st.floats(0.0, 12.0))
-def test_a_mode_however_fast_is_damped(decades: float) -> None:
-    """L-stable: a step of 1 ms never amplifies, and forgets what decays far within it."""
+def test_a_mode_of_any_rate_is_damped(decades: float) -> None:
+    """The stepper is L-stable: a step of 1 ms never amplifies a mode, and a fast mode vanishes."""
     rate = 10.0**decades
-    moved, used = _fast(rate)(FLOATS, None, Record(fin_angle=0.0, fin_rate=1.0), Record(), 1e-3)
+    states, used = _damped(rate)(FLOATS, None, Record(fin_angle=0.0, fin_rate=1.0), Record(), 1e-3)
     assert used == 1e-3
-    assert abs(moved["fin_rate"]) <= 1.0
-    # Of the stability function, (1 - 2 g) z/(1 - g z)^2 and smaller terms, 4.83/(h rate) is left of a fast mode.
-    assert abs(moved["fin_rate"] - exp(-rate * 1e-3)) < max(4.9 / max(rate * 1e-3, 1.0), 1e-6)
+    assert abs(states["fin_rate"]) <= 1.0
+    # The stability function, with the leading term (1 - 2 g) z/(1 - g z)^2, tends to 4.83/(h rate) for fast modes.
+    assert abs(states["fin_rate"] - exp(-rate * 1e-3)) < max(4.9 / max(rate * 1e-3, 1.0), 1e-6)
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=12, max_size=12))
-def test_elimination(entries: list[float]) -> None:
-    """Of rows whose diagonal outweighs the rest, which needs no pivots; NumPy's solution to rounding."""
+def test_linear_equations_are_solved_to_rounding(entries: list[float]) -> None:
+    """Matrices with a dominant diagonal need no pivots."""
     matrix = np.reshape(entries[:9], (3, 3)) + 4.0 * np.eye(3)
     found = solve(matrix.tolist(), entries[9:])
     assert np.allclose(found, np.linalg.solve(matrix, entries[9:]), rtol=1e-12, atol=1e-14)
@@ -88,7 +89,7 @@ def test_elimination(entries: list[float]) -> None:
 
 @pytest.mark.parametrize("name", ["t7", "int", "sin", "p", *slow("p1", "c3", "r0", "t7_", "out", "self", "float")])
 def test_a_state_may_have_any_name(tmp_path: Path, name: str) -> None:
-    """Names of temporaries and of words of Python and C: the same bits in both back ends as with another name."""
+    """Names of temporaries and keywords of Python or C do not change a bit in either kernel."""
     renamed = changed(tmp_path, ('State("current"', f'State("{name}"'), ("x.current", f"x.{name}"),
                       ('"current": rise', f'"{name}": rise'))
     model, values = str(renamed), load_parameters(model=MODEL).values

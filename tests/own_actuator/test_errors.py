@@ -1,4 +1,4 @@
-"""What is wrong in a user's file is said with file, line and remedy."""
+"""Errors in a user's file are reported with file, line and remedy."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SUPPLY = "em.Supply.voltage(inverse_inductance="
 _OTHER_SUPPLY = "em.Supply({}, {}, inverse_inductance="
 
 
-@pytest.mark.parametrize(("change", "place", "says"), [
+@pytest.mark.parametrize(("change", "line_text", "message"), [
     ((_SPRING, "- p.spring.stifness * x.fin_angle"), _SPRING, "no stifness; did you mean stiffness?"),
     ((_SPRING, "- p.spring.stiffness * x.fin_angel"), _SPRING, "no fin_angel; did you mean fin_angle?"),
     (('"motor_voltage": voltage(ops, u), ', ""), "def output_values", "output_values() returns no motor_voltage"),
@@ -99,14 +99,16 @@ _OTHER_SUPPLY = "em.Supply({}, {}, inverse_inductance="
     (("em.capabilities.POSITION_LOOP}", "em.capabilities.CURRENT_LIMIT}"), "ACTUATOR = em.Actuator(",
      "which needs drive.current_limit"),
 ])
-def test_file_and_line_are_named(tmp_path: Path, change: tuple[str, str], place: str | None, says: str) -> None:
+def test_error_names_file_and_line(tmp_path: Path, change: tuple[str, str], line_text: str | None, message: str
+                                   ) -> None:
     path = changed(tmp_path, change)
-    with pytest.raises(EmcasError, match=re.escape(says)) as refused:
+    with pytest.raises(EmcasError, match=re.escape(message)) as refused:
         codegen.traced(model=str(path))
     named = re.match(re.escape(f"{path}, line ") + r"(\d+)", str(refused.value))
     assert named
-    if place is not None:
-        expected = next(i for i, line in enumerate(FILE.read_text(encoding="utf-8").splitlines(), 1) if place in line)
+    if line_text is not None:
+        lines = FILE.read_text(encoding="utf-8").splitlines()
+        expected = next(i for i, line in enumerate(lines, 1) if line_text in line)
         assert int(named[1]) == expected
 
 
@@ -135,7 +137,7 @@ _ARRAY = (("PARAMETERS = (", 'PARAMETERS = (*em.array("spring.torque", 3, "N.m",
     ("math.atan2(demand, 1.0)", "use ops.atan2"),
     ("math.erf(demand)", "use functions of ops, as in ops.sin(x)"),
 ])
-def test_the_remedy_fits(tmp_path: Path, expression: str, remedy: str) -> None:
+def test_error_has_the_fitting_remedy(tmp_path: Path, expression: str, remedy: str) -> None:
     path = changed(tmp_path, ("    clipped = ops", f"    {expression}\n    clipped = ops"),
                    ("from pathlib", "import math\n\nimport numpy as np\nfrom pathlib"), *_ARRAY)
     with pytest.raises(EmcasError, match=r"line \d+: (Type|Index)Error: .*" + re.escape(remedy)):
@@ -148,8 +150,8 @@ def test_the_remedy_fits(tmp_path: Path, expression: str, remedy: str) -> None:
      "sample"),
     ("ESTIMATES = {", "while True: pass\nESTIMATES = {", "<module>"),
 ])
-def test_a_loop_that_does_not_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: str, after: str, name: str
-                                  ) -> None:
+def test_an_endless_loop_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: str, after: str, name: str
+                                    ) -> None:
     monkeypatch.setattr(external, "LONGEST", 0.5)
     path = changed(tmp_path, (before, after))
     lines = path.read_text(encoding="utf-8").splitlines()
@@ -159,13 +161,13 @@ def test_a_loop_that_does_not_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert 0 <= int(re.findall(r", line (\d+)", str(ended.value))[0]) - loop <= 2
 
 
-def test_a_negative_delay(tmp_path: Path) -> None:
+def test_a_negative_delay_is_refused(tmp_path: Path) -> None:
     path = changed(tmp_path, ("    sample=sample,", "    transport_delay=lambda ops, p: -0.001,\n    sample=sample,"))
     with pytest.raises(ParameterError, match=r"py: transport_delay\(ops, p\) = -0\.001 s must be at least 0"):
         load_parameters(model=str(path))
 
 
-def test_degrees_for_radians(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_degrees_instead_of_radians_are_recognised(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = changed(tmp_path, ("PARAMETERS = (", 'PARAMETERS = (em.parameter("lock.angle", "rad", 0.0, 25.0, ""),'))
     get(str(path))
     assert "lock.angle may be up to 25 rad, 1432 deg; if 25 deg is meant, write radians(25)" in caplog.text
@@ -173,8 +175,8 @@ def test_degrees_for_radians(tmp_path: Path, caplog: pytest.LogCaptureFixture) -
         load_parameters(model=MODEL).with_values({"fin.stop_angle": 25.0})
 
 
-def test_a_rule_that_asks_an_angle_is_refused_where_it_is_traced(tmp_path: Path) -> None:
-    """By its line; numbers alone, which parameters are checked with, it can take."""
+def test_a_rule_with_a_condition_on_a_value_is_refused_during_tracing(tmp_path: Path) -> None:
+    """Parameters are checked with numbers, for which the rule works."""
     path = changed(tmp_path, ("ACTUATOR = em.Actuator(", '''from emcas_fmu.rules import Rule
 
 
@@ -191,18 +193,18 @@ ACTUATOR = em.Actuator(
         codegen.traced_rules(sound.model)
 
 
-@pytest.mark.parametrize(("check", "says"), [
+@pytest.mark.parametrize(("check", "message"), [
     ("lambda ops, p, _: (p.spring.stifness, 1.0)", ", line 88: AttributeError: there is no stifness; did you mean"),
     ("lambda p: (1.0, 1.0)", ", line 77: actuator direct-drive, rule 'at %g': <lambda>() in line 88 has the arguments "
      "(p); it is called with (ops, p, share)"),
 ])
-def test_a_rule_is_named(tmp_path: Path, check: str, says: str) -> None:
+def test_error_of_a_rule_names_its_line(tmp_path: Path, check: str, message: str) -> None:
     path = changed(tmp_path, ("    sample=sample,", f'    rules=(em.rule("at %g")({check}),),\n    sample=sample,'))
-    with pytest.raises(EmcasError, match=re.escape(f"{path}{says}")):
+    with pytest.raises(EmcasError, match=re.escape(f"{path}{message}")):
         load_parameters(model=str(path))
 
 
-@pytest.mark.parametrize(("change", "says"), [
+@pytest.mark.parametrize(("change", "message"), [
     (("ACTUATOR = ", "MINE = "), ": defines no ACTUATOR"),
     (('"N.m/rad", 0.0', '"N.m/rod", 0.0'), "spring.stiffness: unknown unit 'N.m/rod'; did you mean rad?"),
     (('State("current", "A")', 'State("current", "Amp")'), "current: unknown unit 'Amp'"),
@@ -214,23 +216,23 @@ def test_a_rule_is_named(tmp_path: Path, check: str, says: str) -> None:
     (('name="direct-drive"', 'name="elastic"'), "name 'elastic' is that of a shipped actuator or extension"),
     (('name="direct-drive"', 'name="direct drive"'), "name 'direct drive': use letters, digits"),
 ])
-def test_the_declaration_is_judged(tmp_path: Path, change: tuple[str, str], says: str) -> None:
+def test_wrong_declarations_are_refused(tmp_path: Path, change: tuple[str, str], message: str) -> None:
     path = changed(tmp_path, change)
     line = next((i for i, text in enumerate(path.read_text(encoding="utf-8").splitlines(), 1) if change[1] in text))
-    place = f"{path}{says}" if says.startswith(": ") else f"{path}, line {line}: {says}"
-    with pytest.raises(EmcasError, match=re.escape(place)):
+    line_text = f"{path}{message}" if message.startswith(": ") else f"{path}, line {line}: {message}"
+    with pytest.raises(EmcasError, match=re.escape(line_text)):
         get(str(path))
 
 
-def test_files_that_are_missing(tmp_path: Path) -> None:
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(EmcasError, match=re.escape("none.py: there is no such file")):
         get(str(tmp_path / "none.py"))
 
 
-def test_a_parameter_without_a_value(tmp_path: Path) -> None:
-    """A motor's resistance is also one of the default actuator, whose motor is another; a fin's inertia, too.
+def test_a_parameter_without_a_value_is_refused(tmp_path: Path) -> None:
+    """Values of the default actuator are not used for parameters of the same name.
 
-    The line is that of the declaration; the port declares the inertia.
+    The error names the line of the declaration; the inertia is declared by the fin port.
     """
     for name, value, line in (("spring.stiffness", "20 N*m/rad", ", line 21"),
                               ("motor.resistance", "0.5 Ohm", ", line 25"),
@@ -240,25 +242,25 @@ def test_a_parameter_without_a_value(tmp_path: Path) -> None:
             load_parameters(model=str(path))
 
 
-def test_a_file_beside_overrides_declared_values(tmp_path: Path) -> None:
+def test_a_parameter_file_beside_the_actuator_overrides_declared_values(tmp_path: Path) -> None:
     path = changed(tmp_path)
     path.with_suffix(".toml").write_text(
         '[spring]\nstiffness = { value = 30, unit = "N*m/rad", source = "datasheet" }\n', encoding="utf-8")
     found = {e.variable.name: e for e in load_parameters(model=str(path)).entries}
     assert (found["spring.stiffness"].value, found["spring.stiffness"].source) == (30.0, "datasheet")
     assert (found["hinge.damping"].value, found["hinge.damping"].source) == (0.2, "estimate")
-    # What turns with the fin has no mass unless it is declared.
+    # Shaft and fork have no mass and inertia unless they are declared.
     assert (found["mass.shaft"].value, found["inertia.fork"].value, found["mass.fin"].value) == (0.0, 0.0, 3.0)
 
 
-def test_a_reference_that_is_missing(tmp_path: Path) -> None:
+def test_a_missing_reference_is_refused(tmp_path: Path) -> None:
     path = changed(tmp_path, ('Path(__file__).with_name("direct_drive_reference.py")', '"nope.py"'))
     missing = f"mine.py: reference {tmp_path / 'nope.py'}: there is no such file"
     with pytest.raises(EmcasError, match=re.escape(missing)):
         files.simulator(str(path))
 
 
-def test_an_extension_says_what_is_missing() -> None:
+def test_an_extension_names_missing_capabilities_and_variables() -> None:
     with pytest.raises(EmcasError, match=re.escape(
             "homing needs a drive whose reference has a limit, an encoder on motor or fin, a motor current; let "
             "direct-drive provide em.capabilities.REFERENCE_LIMIT, em.capabilities.ENCODER, em.capabilities."
@@ -267,7 +269,7 @@ def test_an_extension_says_what_is_missing() -> None:
         get(f"{FILE}+homing")
 
 
-def test_an_installed_package_gives_an_actuator(installed: Path) -> None:
+def test_an_actuator_of_an_installed_package_is_found(installed: Path) -> None:
     assert get("direct").title == get(str(FILE)).title
     assert load_parameters(model="direct+faults").values["spring.stiffness"] == 20.0
     with pytest.raises(EmcasError, match="there is no actuator 'dirct'; did you mean direct"):

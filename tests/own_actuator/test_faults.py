@@ -1,4 +1,4 @@
-"""Faults that an actuator declares, and the general ones of an actuator without a screw."""
+"""Faults that a user's actuator declares, and the general faults of an actuator without a screw."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FAULTY = f"{MODEL}+faults"
 PLAIN = load_parameters(model=MODEL)
 BASE = load_parameters(model=FAULTY)
 NAMES = bits(get(MODEL))
-DEMAGNETISED = 2.0 ** len(FAULTS)  # the first bit behind those of the general faults
+DEMAGNETISED = 2.0 ** len(FAULTS)  # the first bit after those of the general faults
 CONSTANTS = ("motor.torque_constant", "motor.back_emf_constant")
 
 
@@ -43,19 +43,19 @@ def gust(t: float) -> float:
 
 
 def during(fault: str, begin: float = 0.0, end: float = 1e9, **amounts: float) -> dict[str, float]:
-    """Values of a fault that is scheduled."""
+    """Return the values that schedule a fault between two times [s]."""
     return {f"fault.{fault}.begin": begin, f"fault.{fault}.end": end,
             **{f"fault.{fault}.{name}": value for name, value in amounts.items()}}
 
 
 def run(values: Mapping[str, Any], model: str = FAULTY, stop: float = 0.3, **inputs: Any) -> Mapping[str, Any]:
-    """A run on the wave under the gust, inputs replaced."""
-    chosen = load_parameters(model=model).with_values(values).values
-    return simulate(chosen, stop, model=model, **{"fin_command": wave, "aero_torque": gust, **inputs})
+    """Simulate commands of the wave under loads of the gust, or other inputs."""
+    all_values = load_parameters(model=model).with_values(values).values
+    return simulate(all_values, stop, model=model, **{"fin_command": wave, "aero_torque": gust, **inputs})
 
 
 def same(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Whether all that the second run has is the same in both, to the bit."""
+    """Return whether all outputs of the second run are the same in the first, to the bit."""
     return all(np.array_equal(one[name], column) for name, column in other.items())
 
 
@@ -63,10 +63,10 @@ def weakened(share: float) -> dict[str, float]:
     return {name: share * PLAIN.values[name] for name in CONSTANTS}
 
 
-# -- what the actuator declares --------------------------------------------------------
+# -- declared faults -------------------------------------------------------------------
 
 
-def test_its_parameters_and_its_bit() -> None:
+def test_a_declared_fault_has_parameters_and_a_bit_of_the_fault_word() -> None:
     assert {name for name in BASE.values if name.startswith("fault.demagnetised.")} == {
         f"fault.demagnetised.{name}" for name in ("active", "begin", "end", "share")}
     (word,) = (v for v in get(FAULTY).outputs if v.name == "fault_word")
@@ -75,21 +75,20 @@ def test_its_parameters_and_its_bit() -> None:
     assert "demagnetised" not in next(v for v in get("nonlinear+faults").outputs if v.name == "fault_word").bits
 
 
-def test_without_a_fault_it_is_the_model() -> None:
+def test_without_a_fault_the_response_is_that_of_the_sound_actuator() -> None:
     found = run({})
     assert same(found, run({}, MODEL))
     assert not found["fault_word"].any()
 
 
-def test_it_is_the_plant_with_other_parameters() -> None:
-    """From the start: to the bit, outputs among them, in which the constants are."""
+def test_a_fault_from_the_start_equals_changed_parameters_to_the_bit() -> None:
     found = run(during("demagnetised", share=0.5))
     assert same(found, run(weakened(0.5), MODEL))
     assert (found["fault_word"][1:] == DEMAGNETISED).all()
 
 
 def test_against_the_independent_integration() -> None:
-    """The direct drive's own, of a motor with half the flux; with ticks of 0.1 ms 2e-4 deg, as without a fault."""
+    """The motor has half the flux; with ticks of 0.1 ms the limit is 2e-4 deg, as without a fault."""
     time = np.arange(0.0, 0.3, 1e-3)
     inputs = {"time": time, "fin_command": np.array([wave(t) for t in time]),
               "aero_torque": np.array([gust(t) for t in time])}
@@ -99,8 +98,8 @@ def test_against_the_independent_integration() -> None:
     assert degrees(np.abs(found - run({}, MODEL)["fin_angle"][:len(time)]).max()) > 0.1
 
 
-def test_it_begins_with_a_sample_and_lasts() -> None:
-    """Before, the bits of the plain model; after its end, those of a fault without an end."""
+def test_a_lasting_fault_begins_with_a_sample_and_never_ends() -> None:
+    """Before its begin the run equals that without a fault; after its end, that of a fault without an end."""
     found, plain = run(during("demagnetised", 0.1, 0.15)), run({}, MODEL)
     before = found["time"] <= 0.1 + 1e-9
     assert all(np.array_equal(found[name][before], plain[name][before]) for name in ("fin_angle", "motor_current"))
@@ -108,19 +107,19 @@ def test_it_begins_with_a_sample_and_lasts() -> None:
     assert found["fault_word"][-1] == DEMAGNETISED
 
 
-def test_one_that_heals(tmp_path: Path) -> None:
+def test_a_fault_that_does_not_last_ends(tmp_path: Path) -> None:
     model = f"{changed(tmp_path, (', lasting=True', ''))}+faults"
     found = run(during("demagnetised", 0.05, 0.1), model, stop=1.5, fin_command=0.1, aero_torque=-20.0)
     assert found["fault_word"][75] == DEMAGNETISED
     assert not found["fault_word"][102:].any()
     sound = run({}, MODEL, stop=1.5, fin_command=0.1, aero_torque=-20.0)
     assert np.abs(found["fin_angle"] - sound["fin_angle"])[60:100].max() > 1e-4
-    # What is left decays with the closed loop: after 1.4 s nothing to speak of.
+    # After 1.4 s the closed loop has removed the effect.
     assert found["fin_angle"][-1] == pytest.approx(sound["fin_angle"][-1], abs=1e-6)
 
 
-def test_switched_while_it_runs() -> None:
-    """Told between samples, the switch acts with the next one; how much of it there is acts at once."""
+def test_a_fault_switched_during_a_run_acts_with_the_next_sample() -> None:
+    """A changed amount of the fault acts at once."""
     word, current = ([v.name for v in get(FAULTY).outputs].index(name) for name in ("fault_word", "motor_current"))
     inputs = codegen.inputs_at_rest(0.1, -30.0, 39.0)
     on = BASE.with_values({"fault.demagnetised.active": True})
@@ -155,14 +154,14 @@ TWO = '''faults=(
 
 @pytest.fixture(scope="module")
 def several(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The direct drive with faults that touch the same parameters, and one in a general one's place."""
+    """The direct drive with two faults of the same parameters, and one that replaces a general fault."""
     path = changed(tmp_path_factory.mktemp("several"), ("\nACTUATOR = em.Actuator(", SECOND),
                    ("faults=(em.PlantFault.scaling(", TWO))
     path.with_suffix(".toml").write_text("[fault]\nhot.factor = 2\ncorroded.area = 0.0\n", encoding="utf-8")
     return f"{path}+faults"
 
 
-def test_a_later_one_sees_what_an_earlier_one_changes(several: str) -> None:
+def test_a_later_fault_reads_parameters_that_an_earlier_one_changes(several: str) -> None:
     resistance, damping = PLAIN.values["motor.resistance"], PLAIN.values["hinge.damping"]
     both = run({**during("hot"), **during("corroded", area=0.5)}, several)
     assert same(both, run({"motor.resistance": 2.0 * resistance + 0.5, "hinge.damping": 3.0 * damping}, MODEL))
@@ -170,13 +169,13 @@ def test_a_later_one_sees_what_an_earlier_one_changes(several: str) -> None:
     assert same(alone, run({"motor.resistance": resistance + 0.5, "hinge.damping": 3.0 * damping}, MODEL))
 
 
-def test_what_does_not_act_is_not_evaluated(several: str) -> None:
-    """A division by an amount of zero harms nobody while its fault is off."""
+def test_an_inactive_fault_is_not_evaluated(several: str) -> None:
+    """Otherwise the shipped amount of 0 would cause a division by zero."""
     assert same(run({}, several), run({}, MODEL))
 
 
-def test_one_in_the_place_of_a_general_one(several: str) -> None:
-    """Its bit and its name, and nothing of what the general one does."""
+def test_a_declared_fault_replaces_the_general_one_of_its_name(several: str) -> None:
+    """It has the bit of the general fault, but not its effects."""
     assert [fault.name for fault in possible(get(several))].count("jam") == 1
     assert bits(get(several)) == (*(f.name for f in FAULTS), "hot", "corroded", "demagnetised")
     found = run(during("jam"), several)
@@ -184,23 +183,22 @@ def test_one_in_the_place_of_a_general_one(several: str) -> None:
     assert (found["fault_word"][1:] == 1.0).all()
 
 
-def test_both_kernels_and_kept_states(several: str) -> None:
-    """Every fault in turn: the same bits from both, and from a state kept in the midst of it."""
+def test_kernels_agree_from_restored_states_during_every_fault(several: str) -> None:
     changes: dict[str, float] = {"fault.corroded.area": 0.5}
     for i, fault in enumerate(possible(get(several))):
         changes |= during(fault.name, 0.01 + 0.01 * i, 0.025 + 0.01 * i)
     values = load_parameters(model=several).with_values(changes).values
-    slow, fast = codegen.core(values, several), CompiledCore(values, several)
+    python, compiled = codegen.core(values, several), CompiledCore(values, several)
     for k in range(1, 181):
         inputs = codegen.inputs_at_rest(wave(k * 1e-3), gust(k * 1e-3), 39.0)
-        assert slow.run(k * 1e-3 + 3e-4, inputs) == fast.run(k * 1e-3 + 3e-4, inputs)
+        assert python.run(k * 1e-3 + 3e-4, inputs) == compiled.run(k * 1e-3 + 3e-4, inputs)
         if k % 30 == 0:
-            kept = slow.state
-            slow = codegen.core(values, several)
-            slow.state = kept
+            state = python.state
+            python = codegen.core(values, several)
+            python.state = state
 
 
-# -- what is declared badly ------------------------------------------------------------
+# -- wrong declarations ----------------------------------------------------------------
 
 
 def nothing(ops: Any, p: Any, amounts: Any) -> Mapping[str, Any]:
@@ -211,66 +209,63 @@ def declared(*faults: PlantFault) -> Actuator:
     return replace(get(MODEL), faults=faults)
 
 
-@pytest.mark.parametrize(("make", "said"), [
+@pytest.mark.parametrize(("make", "message"), [
     (lambda: PlantFault("oil leak", "", nothing), "'oil leak' is not a Python identifier"),
     (lambda: PlantFault("leak", "", nothing, (tunable("end", "1", 0.0, 1.0, ""),)), "every fault has a parameter end"),
     (lambda: declared(*(PlantFault("leak", "", nothing),) * 2), "fault leak is declared twice"),
     (lambda: extension.EXTENSION.over(declared(*(PlantFault(f"f{i}", "", nothing) for i in range(16)))),
      "16 faults are declared; fault_word has room for 15"),
 ])
-def test_a_bad_declaration(make: Callable[[], Any], said: str) -> None:
-    with pytest.raises(EmcasError, match=re.escape(said)):
+def test_wrong_declarations_are_refused(make: Callable[[], Any], message: str) -> None:
+    with pytest.raises(EmcasError, match=re.escape(message)):
         make()
 
 
-@pytest.mark.parametrize(("given", "said"), [
+@pytest.mark.parametrize(("changes", "message"), [
     ('"motor.torque_konstant": 1.0', "there is no torque_konstant; did you mean torque_constant?"),
     ('"motor": 1.0', "a group of parameters; there is motor.inertia, "),
     ('"motor.resistance": None', "returns motor.resistance = None; return a number or, for an array, a tuple"),
     ('"motor.resistance": (1.0, 2.0)', "return a number or, for an array, a tuple"),
     ('"motor.resistance": amounts.shar', "there is no shar; did you mean share?"),
 ])
-def test_changes_of_what_there_is_not(tmp_path: Path, given: str, said: str) -> None:
+def test_wrong_changes_of_parameters_are_refused(tmp_path: Path, changes: str, message: str) -> None:
     path = changed(
-        tmp_path, ("ACTUATOR =", f"def broken(ops, p, amounts):\n    return {{{given}}}\n\n\nACTUATOR ="),
+        tmp_path, ("ACTUATOR =", f"def broken(ops, p, amounts):\n    return {{{changes}}}\n\n\nACTUATOR ="),
         ("em.PlantFault.scaling(", "em.PlantFault("), ("their flux\",\n", "their flux\", broken, (\n"),
         ('"of the flux that is left"),\n', '"of the flux that is left"),), lasting=True),),\n'),
         (' ' * 34 + '"motor.torque_constant", "motor.back_emf_constant", lasting=True),),\n', ""))
-    with pytest.raises(EmcasError, match=re.escape(said)) as refused:
+    with pytest.raises(EmcasError, match=re.escape(message)) as refused:
         codegen.traced(model=f"{path}+faults")
     assert str(path) in str(refused.value)
 
 
-def test_an_amount_without_a_value(tmp_path: Path) -> None:
-    """Switch and schedule are as declared; how much of a fault there is the file must say."""
+def test_an_amount_without_a_value_is_refused(tmp_path: Path) -> None:
+    """Switch and schedule have default values."""
     path = changed(tmp_path, ('    "fault.demagnetised.share": 0.6,\n', ""))
     load_parameters(model=str(path))
     with pytest.raises(EmcasError, match=re.escape("fault.demagnetised.share: missing")):
         load_parameters(model=f"{path}+faults")
 
 
-def test_a_file_for_faults_without_the_extension(tmp_path: Path) -> None:
-    told = tmp_path / "told.toml"
-    told.write_text("[fault.demagnetised]\nactive = true\n", encoding="utf-8")
-    assert load_parameters(told, model=FAULTY).values["fault.demagnetised.active"] is True
-    assert load_parameters(told, model=MODEL).unused == ("fault.demagnetised.active",)
+def test_values_of_faults_are_unused_without_the_extension(tmp_path: Path) -> None:
+    path = tmp_path / "faults.toml"
+    path.write_text("[fault.demagnetised]\nactive = true\n", encoding="utf-8")
+    assert load_parameters(path, model=FAULTY).values["fault.demagnetised.active"] is True
+    assert load_parameters(path, model=MODEL).unused == ("fault.demagnetised.active",)
 
 
-# -- the general ones, without a screw -------------------------------------------------
+# -- general faults, without a screw ---------------------------------------------------
 
 
 @pytest.mark.parametrize("fault", [f.name for f in possible(get(MODEL))])
-def test_each_acts(fault: str) -> None:
-    """On the fin, on the wave under the gust, by more than a hundredth of a degree."""
-    found = run({**during(fault, 0.02, 0.25), "fault.brown_out.share": 0.1})  # half of the supply is enough for it
-    moved = degrees(np.abs(found["fin_angle"] - run({}, MODEL)["fin_angle"]).max())
-    assert moved > 0.01
+def test_each_fault_changes_the_fin_angle_and_the_fault_word(fault: str) -> None:
+    found = run({**during(fault, 0.02, 0.25), "fault.brown_out.share": 0.1})  # the shipped half would not limit
+    assert degrees(np.abs(found["fin_angle"] - run({}, MODEL)["fin_angle"]).max()) > 0.01
     assert set(found["fault_word"]) == {0.0, 2.0 ** NAMES.index(fault)}
 
 
-def test_a_jam_holds_the_fin_and_the_current_rises() -> None:
-    """i = v/R (1 - exp(-t R/L)): no back-EMF. By second order of ticks of 0.1 ms, a tenth of L/R: (h R/L)^2/12 < 1e-3
-    of what there is left to go."""
+def test_jam_holds_the_fin_while_the_current_rises() -> None:
+    """Without back-EMF i = v/R (1 - exp(-t R/L)). Ticks of 0.1 ms, a tenth of L/R, err by (h R/L)^2/12 < 1e-3."""
     resistance, inductance = PLAIN.values["motor.resistance"], PLAIN.values["motor.inductance"]
     spin: Any = {"angular_rate__x": 30.0, "angular_rate__z": 20.0, "angular_acceleration__y": 50.0}
     found = run({**during("jam"), "controller.ki": 0.0, "loads.gravity": True}, stop=0.02,
@@ -280,38 +275,36 @@ def test_a_jam_holds_the_fin_and_the_current_rises() -> None:
     voltage = PLAIN.values["controller.kp"] * PLAIN.values["controller.setpoint_weight"] * 0.1
     expected = [voltage / resistance * (1.0 - exp(-t * resistance / inductance)) for t in found["time"]]
     assert found["motor_current"] == pytest.approx(expected, abs=1e-3 * voltage / resistance)
-    # What the load is does not change by being held.
+    # The jam does not change the hinge torque.
     plain = run({"loads.gravity": True}, MODEL, stop=0.02, fin_command=0.0, aero_torque=-60.0, **spin)
     assert found["hinge_torque"][0] == plain["hinge_torque"][0]
 
 
-def test_a_jam_lets_go() -> None:
+def test_fin_follows_the_command_after_a_jam() -> None:
     found = run(during("jam", 0.05, 0.15), stop=1.0, fin_command=0.2, aero_torque=-30.0)
     assert (found["fin_angle"][51:151] == found["fin_angle"][51]).all()
     assert found["fin_angle"][51] != 0.0
     assert found["fin_angle"][-1] == pytest.approx(0.2, abs=radians(0.1))
 
 
-def test_loss_of_the_drive_is_a_disabled_one() -> None:
-    """To the plant; its winding is shorted. The controller goes on."""
+def test_loss_of_the_drive_acts_on_the_plant_like_disabling_it() -> None:
     found = run(during("drive_loss", 0.1))
     plain = run({}, MODEL, enable=lambda t: t < 0.0999)
     assert all(np.array_equal(found[name], plain[name]) for name in ("fin_angle", "motor_current", "motor_voltage"))
 
 
-def test_brown_out_is_a_lower_supply() -> None:
-    """The controller sees it too."""
+def test_brown_out_equals_a_lower_supply_voltage() -> None:
     lower = run({}, MODEL, supply_voltage=0.25 * 39.0)
     power = lower["supply_power"][1:]  # the first row is before the fault
-    power[power > 0.0] /= 0.25  # drawn at the line's voltage; what comes back stays as it is
+    power[power > 0.0] /= 0.25  # consumed at the supply's full voltage; returned power does not change
     assert same(run(during("brown_out", share=0.25)), lower)
 
 
-def test_the_encoder_is_on_the_fin() -> None:
-    """It reads a bias too much, counts motion the wrong way round, and misses a share of it."""
+def test_encoder_faults_act_on_the_measured_fin_angle() -> None:
+    """They are a bias, reversed or no counting, and lost counts of one direction."""
     biased = run(during("encoder_bias", angle=0.02), stop=2.0, fin_command=0.1, aero_torque=0.0)
-    assert biased["fin_angle"][-1] == pytest.approx(0.08, abs=1e-4)  # what integration is left after 2 s
-    # Without a controller the fin swings by the gust alone. A row has the angle now and that of the last sample.
+    assert biased["fin_angle"][-1] == pytest.approx(0.08, abs=1e-4)  # integral action still settles
+    # Without a controller only the gust moves the fin. The measurement of a row is that of the last sample.
     free = {"controller.kp": 0.0, "controller.ki": 0.0}
     for fault, gain, missed in (("encoder_reversed", -1.0, 0.0), ("encoder_freeze", 0.0, 0.0),
                                 ("encoder_dropped", 1.0, 0.3)):
@@ -323,10 +316,10 @@ def test_the_encoder_is_on_the_fin() -> None:
         assert np.abs(found["fin_angle"]).max() > 0.01
 
 
-def test_commands_freeze_and_come_late() -> None:
+def test_command_freeze_and_command_delay() -> None:
     frozen = run(during("command_freeze", 0.1))
     assert np.array_equal(frozen["fin_angle"], run({}, MODEL, fin_command=lambda t: wave(min(t, 0.099)))["fin_angle"])
     late = run(during("command_delay", time=7.4e-3))
-    told = run({}, MODEL, fin_command=lambda t: wave(t - 7e-3) if t > 6.5e-3 else 0.0)
-    # The delayed sine is that of times k T - n T, there of (k - n) T: the last digit of the command differs.
-    assert late["fin_angle"] == pytest.approx(told["fin_angle"], abs=1e-9)
+    shifted = run({}, MODEL, fin_command=lambda t: wave(t - 7e-3) if t > 6.5e-3 else 0.0)
+    # k T - n T and (k - n) T differ by rounding.
+    assert late["fin_angle"] == pytest.approx(shifted["fin_angle"], abs=1e-9)

@@ -1,4 +1,4 @@
-"""The README: every block of code is run, or is an excerpt of an example; its messages are those that appear."""
+"""The README of own actuators: its code runs or is an excerpt of an example, and its messages are the real ones."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def block(name: str) -> str:
 
 
 def test_every_block_is_run_or_an_excerpt() -> None:
-    """Excerpts leave out what `...` stands for; comments are the README's."""
+    """In excerpts `...` stands for omitted code; comments are not compared."""
     page = (FOLDER / "README.md").read_text(encoding="utf-8")
     blocks = re.findall(r"(?:<!-- (run|excerpt)(?:: [\w-]+)? -->\n)?```(\w*)\n(.*?)```", page, re.DOTALL)
     assert [text for kind, _, text in blocks if not kind] == []
@@ -90,7 +90,7 @@ def message(folder: Path, changes: tuple[tuple[str, str], ...], beside: str | No
 
 
 @pytest.mark.slow
-def test_messages(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_messages_are_those_that_appear(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     page = (FOLDER / "README.md").read_text(encoding="utf-8")
     shown = "".join(re.findall(r"<!-- run: messages -->\n```\n(.*?)```", page, re.DOTALL)).splitlines()
     for k, (line, (changes, beside)) in enumerate(zip(shown, _MESSAGES, strict=True)):
@@ -106,7 +106,7 @@ def test_a_value_with_a_source(tmp_path: Path) -> None:
     assert (sources["motor.resistance"], sources["spring.stiffness"]) == ("datasheet", "estimate")
 
 
-def test_the_group_of_an_entry_point() -> None:
+def test_entry_points_have_the_right_group() -> None:
     assert tomllib.loads(block("package"))["project"]["entry-points"].keys() == {external.GROUP}
 
 
@@ -123,7 +123,7 @@ def commands(*only: str) -> list[str]:
     return [line for line in lines if line.startswith(only or "")]
 
 
-def test_quick_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_quick_commands_succeed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for line in commands("emcas simulate", "emcas parameters"):
         done = run(line)
@@ -131,8 +131,8 @@ def test_quick_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 @pytest.mark.slow
-def test_all_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One after the other; 1 is a verdict: the shipped requirements are not those of this actuator."""
+def test_all_commands_succeed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exit code 1 is a verdict: the actuator need not meet the shipped requirements."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my_campaign.toml").write_text(studies.campaign("controller.kp"), encoding="utf-8")
     (tmp_path / "my_requirements.toml").write_text(block("requirements"), encoding="utf-8")
@@ -142,14 +142,14 @@ def test_all_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         assert done.exit_code in judged, line + done.output + done.stderr
 
 
-def test_the_error_about_a_capability() -> None:
+def test_error_about_a_capability_is_the_real_one() -> None:
     command, shown = block("needs").splitlines()
     said = run(command.removeprefix("$ ")).stderr
     assert said.replace(str(FOLDER), "…").rstrip() == shown
 
 
-def test_what_homing_takes() -> None:
-    """Whatever its capabilities need that the example does not have is named."""
+def test_all_that_homing_needs_is_named() -> None:
+    """The README names each capability, variable and state that the example lacks."""
     page = (FOLDER / "README.md").read_text(encoding="utf-8")
     (shown,) = re.findall(r"`homing` on `strain_wave` needs .*?\n\n", page, re.DOTALL)
     example = get(str(FOLDER / "strain_wave.py"))
@@ -160,21 +160,21 @@ def test_what_homing_takes() -> None:
         assert {name for name in needed if f"`{name}`" not in shown} == set(), need
 
 
-def test_stick_and_slip(tmp_path: Path) -> None:
+def test_stick_slip_example_holds_up_to_its_friction(tmp_path: Path) -> None:
     """The friction of 24 N.m holds the fin on a spring of 600 N.m/rad up to 0.04 rad."""
     path = tmp_path / "stick_slip.py"
     path.write_text(block("stick-slip"), encoding="utf-8")
     values = load_parameters(model=str(path)).with_values({"fin.start_angle": 0.039}).values
-    held, moved = (simulate(values, 0.1, model=str(path), aero_torque=torque)["fin_angle"] for torque in (0.0, -1.0))
-    assert (held == 0.039).all()
-    assert moved[-1] < 0.039
+    stuck, moving = (simulate(values, 0.1, model=str(path), aero_torque=torque)["fin_angle"] for torque in (0.0, -1.0))
+    assert (stuck == 0.039).all()
+    assert moving[-1] < 0.039
 
 
 @pytest.mark.parametrize("changes", [(), (("lambda ops, p:", "lambda ops, p, interval:"),)],
                          ids=["as shown", "of the interval"])
-def test_its_declaration_runs_on_a_line_of_two(changes: tuple[tuple[str, str], ...], tmp_path: Path) -> None:
+def test_declaration_runs_with_two_fins_on_one_bus(changes: tuple[tuple[str, str], ...], tmp_path: Path) -> None:
     (whole,) = _DECLARATION.findall(FILE.read_text(encoding="utf-8"))
-    # The declaration there leaves the faults out.
+    # The README's declaration has no faults.
     model = changed(tmp_path, (whole, block("declaration")), ('    "fault.demagnetised.share": 0.6,\n', ""), *changes)
     (tmp_path / "direct_drive_reference.py").write_text("", encoding="utf-8")
     columns = []

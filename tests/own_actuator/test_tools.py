@@ -1,4 +1,4 @@
-"""The tools with an actuator of a user's: words and figures that are about that actuator."""
+"""Tools with a user's actuator: their texts and figures are about this actuator."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ maximum = "10 s"
 
 
 def emcas(*arguments: object) -> str:
-    """Return what a command prints that ends with exit code 0."""
+    """Return the output of a command, which must end with exit code 0."""
     done = CliRunner().invoke(app, list(map(str, arguments)))
     assert done.exit_code == 0, done.output + done.stderr
     return done.output
@@ -45,14 +45,14 @@ def test_files_and_installed_actuators_are_compared(installed: Path, tmp_path: P
     path, figures = tmp_path / "mine.toml", tmp_path / "c.json"
     path.write_text(REQUIREMENTS, encoding="utf-8")
     emcas("compare", MODEL, f"{HOT_GAS}+faults", "direct", "nonlinear", "--requirements", path, "--json", figures)
-    each = json.loads(figures.read_text(encoding="utf-8"))["sets"]
-    assert [one["model"] for one in each] == ["direct-drive", "hot-gas+faults", "direct-drive", "nonlinear"]
-    rises = [one["requirements"][0]["measured"] for one in each]
+    sets = json.loads(figures.read_text(encoding="utf-8"))["sets"]
+    assert [each["model"] for each in sets] == ["direct-drive", "hot-gas+faults", "direct-drive", "nonlinear"]
+    rises = [each["requirements"][0]["measured"] for each in sets]
     assert rises[0] == rises[2] < rises[1]
 
 
-def test_words_of_a_gas_actuator() -> None:
-    """Nothing of a motor's drive; an actuator that does not describe `enable` has words that fit any."""
+def test_descriptions_of_a_gas_actuator_mention_no_motor_drive() -> None:
+    """The general description of `enable` fits every actuator."""
     described = {v.name: v.description for a in (get(f"{HOT_GAS}+faults"),) for v in (*a.inputs, *a.parameters)}
     described |= dict(STATUS.items) | {f.name: f.description for f in FAULTS if f.name in ("drive_loss", "brown_out")}
     assert described["enable"].startswith("false: the spool is centred")
@@ -61,22 +61,22 @@ def test_words_of_a_gas_actuator() -> None:
 
 
 @pytest.mark.parametrize(("model", "count"), [(MODEL, 1), ("second-order", 1), ("nonlinear", 4)])
-def test_readings_of_a_current_loop_are_compared_where_there_is_one(model: str, count: int) -> None:
+def test_variants_of_the_current_loop_are_compared_only_for_actuators_with_one(model: str, count: int) -> None:
     assert len(load_sets((), model)) == count
 
 
-def test_an_estimate_of_a_user_is_not_called_shipped() -> None:
+def test_a_user_s_estimate_is_not_called_shipped() -> None:
     values = load_parameters(model=f"{HOT_GAS}+faults")
     words, estimates = in_words(values, remaining_estimates(values)), remaining_estimates(values)
     shipped = {name for each in estimates if each.shipped for name in each.names}
     assert {"valve.clearance", "monitor.minimum_pressure", "gas_supply.pressure"}.isdisjoint(shipped)
-    assert {"fin.stop_angle", "monitor.persistence"} <= shipped  # of the port, and of the extension
+    assert {"fin.stop_angle", "monitor.persistence"} <= shipped  # declared by the port and an extension
     count = sum(len(each.names) for each in estimates)
     assert words == (f"estimates: {count} of {len(values.entries)} values, {count - len(shipped)} of your actuator and "
                      f"{len(shipped)} shipped")
 
 
-def test_the_command_does_not_call_it_shipped(tmp_path: Path) -> None:
+def test_emcas_parameters_does_not_call_a_user_s_estimate_shipped(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("spring.stiffness = '25 N*m/rad'\n", encoding="utf-8")
     said = emcas("parameters", "--model", MODEL, "-p", path)
@@ -98,21 +98,20 @@ def test_an_installed_actuator_has_values_to_fill_in(installed: Path, tmp_path: 
     assert "shipped" not in text
 
 
-def test_a_missing_value_of_an_extension_is_asked_of_the_user(tmp_path: Path) -> None:
+def test_a_missing_value_of_a_fault_names_the_user_s_file(tmp_path: Path) -> None:
     path = changed(tmp_path, ('    "fault.demagnetised.share": 0.6,\n', ""))
     with pytest.raises(ParameterError, match=re.escape(f"{path}: fault.demagnetised.share: missing")):
         load_parameters(model=f"{path}+faults")
 
 
-def test_the_page_of_an_fmu_has_a_current_without_a_voltage() -> None:
-    """Three panels, in two columns."""
+def test_the_page_of_an_fmu_may_have_a_current_without_a_voltage() -> None:
     strain_wave = load_parameters(model=str(FOLDER / "strain_wave.py"))
     _, slew = response_pictures(strain_wave)
     assert "current [A]" in slew.svg
     assert "voltage [V]" not in slew.svg
 
 
-def test_only_what_is_compared_is_listed(tmp_path: Path) -> None:
+def test_validate_lists_only_outputs_of_the_reference(tmp_path: Path) -> None:
     """The reference of the example has no motor voltage; without one, a note says how to make it."""
     emcas("reference", "--model", MODEL, "--directory", tmp_path, "--case", "step_plus1")
     said = emcas("validate", "--model", MODEL, "--directory", tmp_path, "--case", "step_plus1")
@@ -125,11 +124,11 @@ def test_only_what_is_compared_is_listed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("model", "words"), [
     ("direct", "the parameters of direct-drive"), (MODEL, "the parameters of direct_drive.py"),
     ("elastic+heat", "the shipped parameters")])
-def test_whose_parameters_a_page_has(installed: Path, model: str, words: str) -> None:
+def test_pages_name_the_owner_of_the_parameters(installed: Path, model: str, words: str) -> None:
     assert provenance.shipped(model) == words
 
 
-def test_what_is_of_the_nonlinear_actuator_alone_says_so(tmp_path: Path) -> None:
+def test_tools_of_the_nonlinear_actuator_refuse_other_parameters(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("spring.stiffness = '25 N*m/rad'\ngas.exponent = 1.3\n", encoding="utf-8")
     record = tmp_path / "a.csv"
@@ -141,13 +140,13 @@ def test_what_is_of_the_nonlinear_actuator_alone_says_so(tmp_path: Path) -> None
                 in " ".join(done.stderr.split()))
 
 
-def test_a_study_is_named_for_an_actuator_of_a_user() -> None:
+def test_error_asks_for_a_study_with_the_actuator_s_parameters() -> None:
     with pytest.raises(EmcasError, match=r"study for this actuator's parameters .*: controller\.kp, controller"):
         shipped_study(load_parameters(model=MODEL))
 
 
 def test_pages_have_no_empty_tables(tmp_path: Path) -> None:
-    """Of one set nothing differs, of two samples nothing is known of sensitivities."""
+    """One set has no differences, and two samples have no sensitivities."""
     requirements, page = tmp_path / "mine.toml", tmp_path / "page.html"
     requirements.write_text(REQUIREMENTS, encoding="utf-8")
     emcas("compare", MODEL, "--requirements", requirements, "--report", page)
