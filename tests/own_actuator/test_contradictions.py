@@ -15,16 +15,11 @@ from emcas_fmu.simulation import simulate
 from tests.marks import others_slow
 
 from .example import FOLDER, changed
+from .test_trial import simulate_briefly
 
 _LIMITED = "ops.where(ops.both(inputs.enable, limited), 1.0, 0.0)"
 _POWER = '"supply_power": voltage(ops, u) * x.current'
 _MEASURED = '"measured_fin_angle": {}, "motor_current": x'
-
-
-def simulate_briefly(path: Path, extension: str = "") -> None:
-    """Simulate 2 ms of an actuator, which suffices for the checks of a first simulation."""
-    model = f"{path}{extension}"
-    simulate(load_parameters(model=model).values, 0.002, kernel="python", model=model)
 
 
 @pytest.mark.parametrize(("before", "after", "warning"), [
@@ -92,7 +87,7 @@ def test_counts_without_encoder_offset_are_refused_with_homing(tmp_path: Path, b
     copy(geared.with_suffix(".toml"), path.with_suffix(".toml"))
     simulate_briefly(path)
     with pytest.raises(EmcasError, match=rf"mine\.py, line \d+: {name}\(\) returns counts that an encoder_offset of 1"):
-        simulate_briefly(path, "+homing")
+        simulate_briefly(f"{path}+homing")
 
 
 # Extensions that change limit, power or measured angle. Power in motion is judged only without extensions.

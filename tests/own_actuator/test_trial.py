@@ -1,4 +1,4 @@
-"""What is seen only when a user's functions run: that they change, end nowhere, are not finite or unstable."""
+"""Errors and warnings of a user's functions that only a run shows: impure, endless, not finite, unstable."""
 
 from __future__ import annotations
 
@@ -38,8 +38,13 @@ def output_values"""
 STATES = '{name: getattr(x, name) + h * rates[name] for name in ("fin_angle", "fin_rate", "current")}'
 
 
+def simulate_briefly(path: Path | str) -> None:
+    """Simulate 2 ms of an actuator in Python, which suffices for the checks of a first simulation."""
+    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+
+
 def stepped_by(result: str) -> tuple[tuple[str, str], ...]:
-    """Changes of the example to a step() that returns `result`."""
+    """Return the changes of the example to a step() that returns `result`."""
     return (("\ndef output_values", _STEP.replace("RESULT", result)),
             ("    derivatives=derivatives,", "    step=step,"),
             ("ACTUATOR = em.Actuator(", 'PARAMETERS += (em.parameter("step.share", "1", -1.0, 3.0, "of h"),)\n'
@@ -48,7 +53,7 @@ def stepped_by(result: str) -> tuple[tuple[str, str], ...]:
 
 
 def stepped(folder: Path, result: str) -> Path:
-    """The example with a step() that returns `result`."""
+    """Write the example with a step() that returns `result`."""
     return changed(folder, *stepped_by(result))
 
 
@@ -56,14 +61,14 @@ def stepped(folder: Path, result: str) -> Path:
     (STATES, "step() returns dict; return a mapping of states and the time [s] that the step has advanced"),
     (f"{STATES}, None", "step() returns the time of the step = None; return a number"),
 ])
-def test_what_a_step_returns(tmp_path: Path, result: str, says: str) -> None:
+def test_a_step_that_returns_no_time_is_refused(tmp_path: Path, result: str, says: str) -> None:
     with pytest.raises(EmcasError, match=r"mine\.py, line \d+: " + re.escape(says)):
         codegen.traced(model=str(stepped(tmp_path, result)))
 
 
 @pytest.mark.parametrize("kernel", ["python", "compiled"])
 def test_every_loop_ends(tmp_path: Path, kernel: str) -> None:
-    """Of a step that takes no time, a negative one, hardly any, more than there is, or one that is not a number."""
+    """The step advances by zero, a negative, tiny or too long time, or one that is not a number."""
     model = str(stepped(tmp_path, f"{STATES}, p.step.share * h + 0.0 * ops.sqrt(2.0 - p.step.share)"))
     if kernel == "compiled" and not library.available(model):
         pytest.skip("no compiler")
@@ -83,8 +88,8 @@ _IMPURE = "import random\nfrom itertools import count\nfrom pathlib"
     ('"motor_current": x.current', '"motor_current": random.random() + 0.0 * x.current', "output_values"),
     ('"motor_current": x.current', '"motor_current": random.random()', "output_values"),
 ])
-def test_what_changes_between_calls(tmp_path: Path, before: str, after: str, name: str) -> None:
-    """It would be a constant, and another one in each FMU. The line is named, or that of the function."""
+def test_functions_that_change_between_calls_are_refused(tmp_path: Path, before: str, after: str, name: str) -> None:
+    """Their values would be constants that differ from FMU to FMU. The error names the line or the function."""
     path = changed(tmp_path, ("from pathlib", _IMPURE), ("PARAMETERS = (", "COUNTER = count()\nPARAMETERS = ("),
                    (before, after))
     with pytest.raises(EmcasError, match=rf"mine\.py, line \d+: {name}\(\) is not the same when") as refused:
@@ -94,7 +99,7 @@ def test_what_changes_between_calls(tmp_path: Path, before: str, after: str, nam
 
 
 def test_the_guid_follows_the_equations(tmp_path: Path) -> None:
-    """Not only the interface: a host or a stored state of other equations is of another FMU."""
+    """A state that is stored with other equations must not be restored."""
     guids = set()
     for name, sign in (("mine", "-"), ("other", "+"), ("same", "-")):
         model = str(changed(tmp_path, (_SPRING, _SPRING.replace("-", sign)), name=f"{name}.py"))
@@ -115,8 +120,9 @@ def test_the_guid_follows_the_equations(tmp_path: Path) -> None:
     ("python", '"motor_current": x.current', '"motor_current": 1e308 * (1e308 * x.current)',
      "= inf; the values have grown without bound"),
 ])
-def test_what_is_not_finite(tmp_path: Path, kernel: str, before: str, after: str, says: str) -> None:
-    """Named by the line whose numbers were finite, and not by a division that `where` leaves out."""
+def test_error_names_the_first_line_that_is_not_finite(tmp_path: Path, kernel: str, before: str, after: str, says: str
+                                                       ) -> None:
+    """A division that `where` leaves out is not named."""
     path = changed(tmp_path, (before, after))
     if kernel == "compiled" and not library.available(str(path)):
         pytest.skip("no compiler")
@@ -127,7 +133,7 @@ def test_what_is_not_finite(tmp_path: Path, kernel: str, before: str, after: str
 
 
 def test_located_numbers_are_floats() -> None:
-    """The same bits in operations, and IEEE 754 where Python's floats raise."""
+    """Operations have the same bits as with floats, and results of IEEE 754 where Python's floats raise."""
     at = partial(located, path=FILE)
     for a, b in product((-2.5, -0.0, 0.0, 0.3, 1e300, inf), repeat=2):
         for operation in (operator.add, operator.sub, operator.mul, operator.truediv):
@@ -141,8 +147,8 @@ def test_located_numbers_are_floats() -> None:
     assert (-at(0.7), abs(at(-0.7)), ops.clip(at(3.0), 0.0, 1.0)) == (-0.7, 0.7, 1.0)
 
 
-def test_what_is_not_finite_elsewhere(tmp_path: Path) -> None:
-    """In several fins, and in the responses on an FMU's page; and what Python alone refuses."""
+def test_values_that_are_not_finite_in_several_fins_and_on_the_page_of_an_fmu(tmp_path: Path) -> None:
+    """A division by zero that `where` leaves out raises an error in Python only."""
     path = changed(tmp_path, (_DAMPING, "- 1e-3 / x.fin_rate"))
     parameters = load_parameters(model=str(path))
     place = re.escape(f"{path}, line ") + r"\d+: derivatives\(\): 0\.001 / 0 = inf"
@@ -165,11 +171,11 @@ def test_what_is_not_finite_elsewhere(tmp_path: Path) -> None:
      "fin_angle grows from 0.5 to 25 deg while enabled"),
     (_DAMPING, _DAMPING, ""),
 ])
-def test_signs(tmp_path: Path, caplog: pytest.LogCaptureFixture, before: str, after: str, says: str) -> None:
-    """Wrong ones are seen from rest, without command and load, at the first simulation, once."""
+def test_wrong_signs_are_warned_of_once(tmp_path: Path, caplog: pytest.LogCaptureFixture, before: str, after: str,
+                                        says: str) -> None:
     path = changed(tmp_path, (before, after))
     for _ in range(2):
-        simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+        simulate_briefly(path)
     warnings = [record.getMessage() for record in caplog.records]
     assert len(warnings) == bool(says)
     if says:
@@ -177,18 +183,18 @@ def test_signs(tmp_path: Path, caplog: pytest.LogCaptureFixture, before: str, af
         assert warnings[0].endswith("; check the signs of stiffness, damping, motor torque and control")
 
 
-def test_a_sign_is_named_before_what_follows_from_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """The current grows by itself, until rounding hides how friction acts."""
+def test_a_wrong_sign_is_named_before_its_consequences(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """The current grows until rounding hides the effect of friction."""
     path = changed(tmp_path, ("- p.motor.resistance * x.current", "+ p.motor.resistance * x.current"),
                    (_DAMPING, "- u.rub"), ("    sample=s", '    discontinuities=(em.Coulomb("rub", "fin_rate", '
                                            '"hinge.damping"),), sample=s'))
-    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    simulate_briefly(path)
     (message,) = caplog.messages
     assert "d(current)/dt rises with current" in message
 
 
-def test_a_table_that_does_not_rise(tmp_path: Path) -> None:
-    """Its line and its name, without a rule."""
+def test_a_table_whose_points_do_not_rise_is_refused(tmp_path: Path) -> None:
+    """Without a rule of the actuator, the error names the table and the line that reads it."""
     path = changed(tmp_path, (_SPRING, "- ops.interp(x.fin_angle, p.spring.angle, p.spring.torque)"),
                    ("PARAMETERS = (", """PARAMETERS = (
                     *em.array("spring.angle", 3, "rad", -1.0, 1.0, ""),
@@ -204,46 +210,45 @@ def test_a_table_that_does_not_rise(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("after", "says"), [
-    ("ops.where(u.enabled, em.fin_port.hinge_torque(ops, p, x.fin_angle, u), 0.0)", ""),  # a brake holds it
+    ("ops.where(u.enabled, em.fin_port.hinge_torque(ops, p, x.fin_angle, u), 0.0)", ""),  # like a brake
     ("0.0 * x.fin_angle", "d(fin_rate)/dt does not depend on aero_torque; add em.fin_port.hinge_torque"),
     ("-em.fin_port.hinge_torque(ops, p, x.fin_angle, u)", "d(fin_rate)/dt falls with aero_torque; check the sign")])
-def test_loads(tmp_path: Path, caplog: pytest.LogCaptureFixture, after: str, says: str) -> None:
-    """One that is left out or turned around is seen at the first simulation, and nothing else."""
+def test_a_missing_or_reversed_load_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture, after: str,
+                                                 says: str) -> None:
     path = changed(tmp_path, ("load = em.fin_port.hinge_torque(ops, p, x.fin_angle, u)", f"load = {after}"))
-    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    simulate_briefly(path)
     assert [message.startswith(f"{path}: {says}") for message in caplog.messages] == [True] * bool(says)
 
 
-def test_enable(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """A drive that ignores it is seen at the first simulation; one function that switches off is enough."""
+def test_a_drive_that_ignores_enable_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """It suffices that either the sample or the plant uses enable."""
     sampled = ('{"reference": ops.where(inputs.enable, voltage, 0.0)', '{"reference": voltage')
     driven = ("ops.where(u.enabled, ops.clip(u.reference, -u.supply, u.supply), 0.0)",
               "ops.clip(u.reference, -u.supply, u.supply)")
     for name, changes in (("plant", [sampled]), ("sample", [driven]), ("none", [sampled, driven])):
-        path = changed(tmp_path, *changes, name=f"{name}.py")
-        simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+        simulate_briefly(changed(tmp_path, *changes, name=f"{name}.py"))
     (message,) = caplog.messages
     assert message.startswith(f"{tmp_path / 'none.py'}: fin_angle follows fin_command while disabled")
 
 
 @pytest.mark.parametrize("change", [(), (("ops.clip(u.reference, -u", "ops.clip(1e-9 * u.reference, -u"),)])
-def test_a_command_that_is_not_clipped(tmp_path: Path, caplog: pytest.LogCaptureFixture,
-                                       change: tuple[tuple[str, str], ...]) -> None:
-    """A drive that does not reach the limit in time is seen by its reference."""
+def test_a_command_that_is_not_clipped_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture,
+                                                    change: tuple[tuple[str, str], ...]) -> None:
+    """If the drive does not reach the limit in time, the reference shows it."""
     path = changed(tmp_path, ("em.fin_port.clipped_command(ops, p, inputs.command)", "inputs.command"), *change)
-    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    simulate_briefly(path)
     (message,) = caplog.messages
     assert message.startswith(f"{path}: fin_angle follows fin_command beyond command.limit; clip the command")
 
 
 _TOOTH = (("PARAMETERS = (", 'PARAMETERS = (em.parameter("gear.tooth", "m", 0.0, 1.0, "size of a tooth"),'),
           ("ESTIMATES = {", 'ESTIMATES = {"gear.tooth": "1 mm", '))
-_IN_VAIN = "nothing depends on {}; use it in an equation or a rule, or leave it out"
+_UNUSED = "nothing depends on {}; use it in an equation or a rule, or leave it out"
 
 
 @pytest.mark.parametrize(("name", "changes"), [
     ("gear.tooth", _TOOTH),
-    ("gear.tooth", (*_TOOTH, ("    rise = ", "    rise = 0.0 * p.gear.tooth\n    rise = "))),  # it is read, for nothing
+    ("gear.tooth", (*_TOOTH, ("    rise = ", "    rise = 0.0 * p.gear.tooth\n    rise = "))),  # read without effect
     ("hinge.damping", ((_DAMPING, ""),)),
     ("air.temperature", (
         ("    sample=s", '    further_inputs=(em.real_input("air.temperature", "K", "of the air"),), sample=s'),)),
@@ -253,23 +258,23 @@ _IN_VAIN = "nothing depends on {}; use it in an equation or a rule, or leave it 
         "skipped", "the gear has skipped a tooth", lambda ops, p, amounts: {"hinge.damping": p.gear.tooth}),'''))),
     ("", (*_TOOTH, ("lambda ops, p: 1.0 / p.motor.inductance", "lambda ops, p: 1.0 / p.gear.tooth"))),
 ])
-def test_what_is_declared_in_vain(tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str,
-                                  changes: tuple[tuple[str, str], ...]) -> None:
-    """With its line. Rules, faults and the line of several fins may use what nothing else does."""
+def test_unused_parameters_and_inputs_are_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str,
+                                                    changes: tuple[tuple[str, str], ...]) -> None:
+    """A parameter that only a rule, a fault or the bus of several fins reads is used."""
     path = changed(tmp_path, *changes)
-    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    simulate_briefly(path)
     lines = [i for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1) if f'"{name}"' in line]
-    assert caplog.messages == [f"{path}, line {lines[0]}: {_IN_VAIN.format(name)}" for _ in range(bool(name))]
+    assert caplog.messages == [f"{path}, line {lines[0]}: {_UNUSED.format(name)}" for _ in range(bool(name))]
 
 
 @pytest.mark.parametrize("extension", ["", "+faults"])
-def test_a_supply_without_effect(tmp_path: Path, caplog: pytest.LogCaptureFixture, extension: str) -> None:
-    """That power and a monitor depend on it is not enough."""
+def test_a_supply_without_effect_on_motion_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture,
+                                                        extension: str) -> None:
+    """Its effect on power and a monitor does not suffice."""
     path = changed(tmp_path, ("-inputs.supply, inputs.supply", "-39.0, 39.0"), ("> inputs.supply", "> 39.0"),
                    ("-u.supply, u.supply", "-39.0, 39.0"), ("voltage(ops, u) * x.current}", "u.supply * x.current}"),
                    ("em.capabilities.POSITION_LOOP", "em.capabilities.SUPPLY_VOLTAGE"))
-    model = f"{path}{extension}"
-    simulate(load_parameters(model=model).values, 0.002, kernel="python", model=model)
+    simulate_briefly(f"{path}{extension}")
     (message,) = caplog.messages
     assert message.startswith(f"{path}: no motion depends on supply_voltage; limit the drive by inputs.supply")
 
@@ -280,12 +285,12 @@ def test_a_supply_without_effect(tmp_path: Path, caplog: pytest.LogCaptureFixtur
     ('"tracking_error": x.fin_angle - u.command', "tracking_error = 0.01 instead of -0.01"),
     ('"fin_angle": x.fin_angle, "tracking_error": em.fin_port.clipped_command(ops, p, u.command) - x.fin_angle', ""),
 ])
-def test_outputs_that_contradict_the_port(tmp_path: Path, output: str, says: str) -> None:
+def test_outputs_that_contradict_the_port_are_refused(tmp_path: Path, output: str, says: str) -> None:
     path = changed(tmp_path, ('"motor_current": x', f'{output}, "motor_current": x'))
     expected = pytest.raises(EmcasError, match=r"mine\.py, line \d+: output_values\(\) returns " + re.escape(says))
     for _ in range(2):
         with expected if says else nullcontext():
-            simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+            simulate_briefly(path)
 
 
 _MOTOR = '"motor_angle": p.gear.ratio * start.fin_angle'
@@ -296,22 +301,21 @@ _HALF = '"pressure_1": 0.4 * u.supply, "pressure_2": 0.4 * u.supply'
     ("strain_wave", _MOTOR, "", "fin_angle leaves fin.start_angle = 0.5 deg by 0.473 deg, though commanded to stay; "),
     ("strain_wave", _MOTOR, f'{_MOTOR}, "fin_angle": 0.1',
      "fin_angle starts at 5.73 deg for fin.start_angle = 0.5 deg; let initial() set the states from start.fin_angle"),
-    # Far from its equilibrium, where the pressures are twice as high, and stable there.
+    # The pressures start at half their equilibrium, which is stable.
     ("hot_gas", _HALF.replace("4", "8"), _HALF, ""),
 ])
-def test_where_it_starts(tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str, before: str, after: str, says: str
-                         ) -> None:
+def test_a_wrong_start_angle_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str, before: str,
+                                          after: str, says: str) -> None:
     text, path = (FOLDER / f"{name}.py").read_text(encoding="utf-8"), tmp_path / "mine.py"
     assert before in text
     path.write_text(text.replace(before, after), encoding="utf-8")
-    simulate(load_parameters(model=str(path)).values, 0.002, kernel="python", model=str(path))
+    simulate_briefly(path)
     assert [message.startswith(f"{path}: {says}") for message in caplog.messages] == [True] * bool(says)
 
 
 @pytest.mark.parametrize("name", ["direct_drive", "strain_wave", "hot_gas"])
 def test_no_shipped_example_warns(tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str) -> None:
-    model = str(Path(copytree(FOLDER, tmp_path / "examples")) / f"{name}.py")  # a file is tried once in a process
-    simulate(load_parameters(model=model).values, 0.002, kernel="python", model=model)
+    simulate_briefly(Path(copytree(FOLDER, tmp_path / "examples")) / f"{name}.py")  # a process checks a file only once
     assert not caplog.records
 
 
@@ -336,7 +340,7 @@ def output_values"""
 
 
 def inverted(margin: str) -> tuple[tuple[str, str], ...]:
-    """Changes of the example to one that is stepped from event to event, with a `margin` of the stop."""
+    """Return the changes of the example to one with events, with an event margin of the stop."""
     return (("\ndef output_values", _SWITCHED.replace("MARGIN", margin)),
             ("    derivatives=derivatives,", "    step=SYSTEM.step(lambda ops, p: p),"),
             ("ACTUATOR = em.Actuator(", "SYSTEM = em.Switched(mode, rates, margins, landed)\nACTUATOR = em.Actuator("),
@@ -345,7 +349,7 @@ def inverted(margin: str) -> tuple[tuple[str, str], ...]:
 
 @pytest.mark.parametrize(("margin", "sound"), [("p.fin.stop_angle - ops.fabs(x.fin_angle)", True),
                                                ("ops.fabs(x.fin_angle) - p.fin.stop_angle", False)])
-def test_an_inverted_margin(tmp_path: Path, margin: str, sound: bool) -> None:
+def test_an_inverted_event_margin_is_refused(tmp_path: Path, margin: str, sound: bool) -> None:
     path = changed(tmp_path, *inverted(margin))
     values = load_parameters(model=str(path)).values
     if sound:
@@ -353,12 +357,11 @@ def test_an_inverted_margin(tmp_path: Path, margin: str, sound: bool) -> None:
         return
     for _ in range(2):
         with pytest.raises(EmcasError, match=r"mine\.py, line \d+: margins\(\): stop = -0\.43\d* is below 0 in 10 st"):
-            simulate(values, 0.002, kernel="python", model=str(path))
+            simulate_briefly(path)
 
 
 @pytest.mark.parametrize("extension", ["", "+faults"])
-def test_a_state_that_no_sample_sets(tmp_path: Path, extension: str) -> None:
+def test_a_controller_state_that_no_sample_sets_is_refused(tmp_path: Path, extension: str) -> None:
     path = changed(tmp_path, (' "integral": ops.where(inputs.enable, moved, 0.0),', ""))
-    model = f"{path}{extension}"
     with pytest.raises(EmcasError, match=r"mine\.py, line \d+: sample\(\) returns no integral, which nothing else"):
-        simulate(load_parameters(model=model).values, 0.002, kernel="python", model=model)
+        simulate_briefly(f"{path}{extension}")

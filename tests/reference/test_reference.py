@@ -1,4 +1,4 @@
-"""The reference simulation against closed forms, conservation laws and itself at tighter tolerance."""
+"""The independent integration against closed forms, conservation laws and itself at a tighter tolerance."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ FRICTIONLESS = dict.fromkeys(COULOMB + VISCOUS, 0.0)
 
 
 def rows(duration: float, **columns: float | Array) -> dict[str, Array]:
-    """Rows 1 ms apart; a number stands for a constant column."""
+    """Return columns with rows 1 ms apart; a number makes a constant column."""
     time = np.arange(round(duration * 1e3) + 1) * 1e-3
     return {"time": time} | {name: np.broadcast_to(value, time.shape) for name, value in columns.items()}
 
@@ -56,52 +56,53 @@ def step_to(degrees: float, duration: float, at: float = 0.01) -> dict[str, Arra
 
 
 def test_clipped_drive_charges_the_winding_exponentially(values: Values) -> None:
-    given = {**values, **LOCKED, "drive.current_offset": 50.0}
-    result = simulate(given, rows(0.02, supply_voltage=10.0))
+    overridden = {**values, **LOCKED, "drive.current_offset": 50.0}
+    result = simulate(overridden, rows(0.02, supply_voltage=10.0))
     resistance, inductance = values["motor.resistance"], values["motor.inductance"]
-    # 50 A asked, 10 V given: clipped until Kp (50 A - i) = 10 V, at 48 A, which 10 V / 0.25 ohm never reach.
+    # The drive is clipped at 10 V until Kp (50 A - i) = 10 V, at 48 A; 10 V / 0.25 ohm make only 40 A.
     expected = 10.0 / resistance * -np.expm1(-result["time"] * resistance / inductance)
-    # 20 ms are 200 steps of relative error 1e-11 each on 40 A, damped: 1e-9 A is ample.
+    # At most 200 steps in 20 ms, each with a relative error of 1e-11 of 40 A, which decays.
     np.testing.assert_allclose(result["motor_current"], expected, rtol=0, atol=1e-9)
     assert set(result["motor_voltage"]) == {10.0}
 
 
 def current_loop(values: Values, reference: float) -> Array:
-    """Matrix of the unclipped loop on (current, xi, 1) with the motor locked."""
+    """Return the matrix of the unclipped loop for (current, xi, 1) with a locked motor."""
     kp, ki, inductance = values["drive.kp"], values["drive.ki"], values["motor.inductance"]
     slope = [-(values["motor.resistance"] + kp) / inductance, 1 / inductance, kp * reference / inductance]
     return np.array([slope, [-ki, 0.0, ki * reference], [0.0, 0.0, 0.0]])
 
 
 def test_free_drive_follows_the_linear_current_loop(values: Values) -> None:
-    # Ki far above its default, so that the integral shows within the 50 ms.
-    given = {**values, **LOCKED, "drive.current_offset": 2.0, "drive.ki": 200.0}
-    result = simulate(given, rows(0.05))
-    expected = [(expm(current_loop(given, 2.0) * t) @ [0.0, 0.0, 1.0])[0] for t in result["time"]]
-    # expm of entries 1e4 * 0.05 s loses about 1e-13; the integration's 1e-11 per step dominates.
+    # Ki is far above its default, so that the integral matters within 50 ms.
+    overridden = {**values, **LOCKED, "drive.current_offset": 2.0, "drive.ki": 200.0}
+    result = simulate(overridden, rows(0.05))
+    expected = [(expm(current_loop(overridden, 2.0) * t) @ [0.0, 0.0, 1.0])[0] for t in result["time"]]
+    # expm is exact to 1e-13; the integration errs by 1e-11 per step.
     np.testing.assert_allclose(result["motor_current"], expected, rtol=0, atol=1e-9)
 
 
 def test_drive_glides_on_the_limit_where_neither_clipped_nor_free_can_last(values: Values) -> None:
-    # 1.9 A through 6 ohm need 11.4 V.  The integral takes the demand to the 10 V there are while the current
-    # still rises: held, the demand would fall back; free, it would leave.  So 5 (1.9 - i) + xi stays 10.
-    given = {**values, **LOCKED, "drive.current_offset": 1.9, "drive.ki": 2000.0, "motor.resistance": 6.0}
+    # 1.9 A through 6 ohm need 11.4 V. The demand reaches the limit of 10 V while the current still rises: with a
+    # constant integral it would fall below the limit, with a free one it would exceed it. So 5 (1.9 - i) + xi = 10.
+    overridden = {**values, **LOCKED, "drive.current_offset": 1.9, "drive.ki": 2000.0, "motor.resistance": 6.0}
     inputs = rows(0.02)
     inputs["supply_voltage"] = np.where(inputs["time"] < 0.0095, 10.0, 20.0)
-    result = simulate(given, inputs)
+    result = simulate(overridden, inputs)
     start = [10.0 / 6.0, 10.0 - 5.0 * (1.9 - 10.0 / 6.0), 1.0]
-    # The demand itself is integrated here; 90 steps of rounding on 10 V.
+    # The demand is integrated: rounding of 90 steps at 10 V.
     assert result["motor_voltage"][10] == pytest.approx(10.0, abs=1e-12)
-    matrix = current_loop(given, 1.9)
+    matrix = current_loop(overridden, 1.9)
     expected = [(expm(matrix * (t - 0.01)) @ start)[0] for t in result["time"][10:]]
-    # As above; 10 V / 6 ohm is reached to exp(-90), nine tenths of 10 ms in units of L/R = 0.1 ms.
+    # As above; after 90 time constants L/R = 0.1 ms the current is 10 V / 6 ohm.
     np.testing.assert_allclose(result["motor_current"][10:], expected, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("acceleration", [2e4, -2e4])
 def test_a_gliding_demand_follows_a_limit_that_moves(values: Values, side: int, acceleration: float) -> None:
-    """With pole pairs the limit changes with speed and current: it falls or rises while the demand glides on it."""
+    """With pole pairs, the voltage limit depends on speed and current; it falls or rises while the demand glides on it.
+    """
     plant = Plant({**values, "motor.pole_pairs": 4})
     around = plant.surroundings({**INPUTS, "supply_voltage": 30.0}, 5.0)
     start = Motor(300.0, side * 20.0, 0.0, acceleration)
@@ -113,19 +114,19 @@ def test_a_gliding_demand_follows_a_limit_that_moves(values: Values, side: int, 
                   start.integral + integral_slope * time)
         return side * plant.demand(m, around) - plant.limit(m, around)
 
-    # A central difference over 20 ns: 1e-4 V/s of curvature and rounding, while the limit changes by 1e3 V/s or more.
+    # Central differences over 20 ns have 1e-4 V/s of curvature and rounding; the limit changes by 1e3 V/s or more.
     assert abs(plant.limit(start, around) - 30.0) > 0.1
     assert (beyond(1e-8) - beyond(-1e-8)) / 2e-8 == pytest.approx(0.0, abs=1e-3)
 
 
-def test_integral_is_held_while_the_voltage_is_clipped(values: Values) -> None:
-    # At 10 V of 50 A * 5 V/A the drive is clipped for 20 ms, with an error of more than 10 A on a gain of
-    # 1000 V/(A s): 200 V of integral if it were not held.  Then the bus recovers and the loop settles.
-    given = {**values, **LOCKED, "drive.current_offset": 50.0, "drive.ki": 1000.0}
+def test_integral_is_constant_while_the_voltage_is_clipped(values: Values) -> None:
+    # At 10 V of 50 A * 5 V/A the drive is clipped for 20 ms. An error of more than 10 A with a gain of 1000 V/(A s)
+    # would integrate to 200 V. Then the supply recovers and the loop settles.
+    overridden = {**values, **LOCKED, "drive.current_offset": 50.0, "drive.ki": 1000.0}
     inputs = rows(0.03)
     inputs["supply_voltage"] = np.where(inputs["time"] < 0.0195, 10.0, 400.0)
-    result = simulate(given, inputs)
-    # Held, xi starts from 0 at recovery: a critically slow integral adds nothing above the reference.
+    result = simulate(overridden, inputs)
+    # With xi = 0 at the recovery, the current does not overshoot its reference.
     assert result["motor_current"].max() < 50.0
     assert result["motor_current"][-1] > 49.0
 
@@ -134,7 +135,7 @@ def test_disabled_bridge_is_open(values: Values) -> None:
     inputs = rows(0.08, fin_command=math.radians(10.0))
     inputs["enable"] = (np.abs(inputs["time"] - 0.04) > 0.0105).astype(float)  # off from 30 to 50 ms
     result = simulate({**values, "encoder.enabled": False}, inputs)
-    off = slice(31, 51)  # left limits: the row at 30 ms is still driven, the one at 50 ms still open
+    off = slice(31, 51)  # rows are left limits: at 30 ms the bridge still drives, at 50 ms it is still open
     assert np.all(result["motor_current"][off] == 0.0)
     assert np.all(result["drive_reference"][off] == 0.0)
     plant = Plant(values)
@@ -152,37 +153,36 @@ def test_disabled_bridge_is_open(values: Values) -> None:
 
 def test_resting_fin_does_not_creep(values: Values) -> None:
     plant = Plant(values)
-    # 1 % under the breakaway moment: held to the last bit.  1 % above, and it goes.
-    held = 0.99 * plant.coulomb(0.0, 1)
-    result = simulate(values, rows(0.05, aero_torque=held, enable=0.0))
+    breakaway = plant.coulomb(0.0, 1)
+    result = simulate(values, rows(0.05, aero_torque=0.99 * breakaway, enable=0.0))
     assert np.all(result["fin_angle"] == 0.0)
     assert np.all(result["fin_rate"] == 0.0)
-    moved = simulate(values, rows(0.05, aero_torque=1.01 / 0.99 * held, enable=0.0))
-    assert moved["fin_angle"][-1] > 0.0
+    result = simulate(values, rows(0.05, aero_torque=1.01 * breakaway, enable=0.0))
+    assert result["fin_angle"][-1] > 0.0
 
 
 @pytest.mark.parametrize("moment", [40.0, -40.0])
 def test_work_of_the_load_becomes_kinetic_energy_and_friction_heat(values: Values, moment: float) -> None:
-    # Coulomb friction constant at the motor, so its heat is C_m |theta_m| whatever the path.
-    given = {**values, **FRICTIONLESS, "friction.fin_coulomb": 3.0}
-    given |= {"friction.coulomb.positive[0]": 0.2, "friction.coulomb.negative[0]": 0.2}
-    result = simulate(given, rows(0.14, aero_torque=moment, enable=0.0))
-    plant = Plant(given)
+    # With constant Coulomb friction at the motor, its heat is C_m |theta_m| on any path.
+    overridden = {**values, **FRICTIONLESS, "friction.fin_coulomb": 3.0}
+    overridden |= {"friction.coulomb.positive[0]": 0.2, "friction.coulomb.negative[0]": 0.2}
+    result = simulate(overridden, rows(0.14, aero_torque=moment, enable=0.0))
+    plant = Plant(overridden)
     angle, rate = result["fin_angle"], result["fin_rate"]
     inertia = [plant.fin_inertia + plant.motor_inertia * plant.ratio(d) ** 2 for d in angle]
     kinetic = [0.5 * m * w * w for m, w in zip(inertia, rate)]
     heat = [0.2 * abs(plant.motor_angle(d)) + 3.0 * abs(d) for d in angle]
     assert 0.1 < abs(angle[-1]) < plant.stop
-    # The balance holds only if M' = 2 J_t R R'.  1e-11 a step on some 10 J.
+    # The balance holds only if M' = 2 J_t R R'. Steps err by 1e-11 of some 10 J.
     np.testing.assert_allclose(np.add(kinetic, heat), moment * angle, rtol=0, atol=1e-9)
 
 
-def test_stop_is_inelastic_and_lets_go_when_pulled_away(values: Values) -> None:
+def test_stop_is_inelastic_and_the_fin_leaves_it_under_a_load(values: Values) -> None:
     inputs = rows(0.44, enable=0.0)
     inputs["aero_torque"] = np.select([inputs["time"] < 0.3, inputs["time"] < 0.4], [60.0, -5.0], -60.0)
     result = simulate(values, inputs)
     at_stop = result["fin_angle"] == values["fin.stop_angle"]
-    # Reached under 60 N.m, then held by 5 N.m away from it, less than the 12 N.m of friction.
+    # 60 N.m move the fin to its stop; then 12 N.m of friction hold it there against 5 N.m.
     assert at_stop[290:401].all()
     assert result["fin_angle"].max() == values["fin.stop_angle"]
     assert np.all(result["fin_rate"][at_stop] == 0.0)
@@ -190,12 +190,12 @@ def test_stop_is_inelastic_and_lets_go_when_pulled_away(values: Values) -> None:
 
 
 def test_moment_of_gravity_and_acceleration_is_the_slope_of_a_potential(values: Values) -> None:
-    given = {**values, "loads.gravity": True, "mounting.azimuth": 0.7}
-    plant = Plant(given)
+    overridden = {**values, "loads.gravity": True, "mounting.azimuth": 0.7}
+    plant = Plant(overridden)
     row = {name: float(start) for name, start in INPUTS.items()}
     row |= {"acceleration.x": 30.0, "acceleration.z": -12.0, "attitude.roll": 0.4, "attitude.pitch": -0.3}
     around = plant.surroundings(row, 0.0)
-    # Specific force at the body, written out: g_b - a_b, then turned about x by the azimuth.
+    # Specific force g_b - a_b in the body frame, then rotated about x by the azimuth.
     g = 9.80665
     body = np.array(
         [-g * math.sin(-0.3), g * math.sin(0.4) * math.cos(0.3), g * math.cos(0.4) * math.cos(0.3)]
@@ -214,7 +214,7 @@ def test_moment_of_gravity_and_acceleration_is_the_slope_of_a_potential(values: 
 
     for delta in (-0.3, 0.0, 0.2):
         slope = (work(delta + 1e-5) - work(delta - 1e-5)) / 2e-5
-        # Central difference: 1e-10 of truncation times the third derivative (some N.m), 1e-11 of rounding.
+        # Central differences: truncation is 1e-10 times the third derivative (some N.m), rounding 1e-11.
         assert plant.loads(delta, around) == pytest.approx(slope, abs=1e-8)
 
 
@@ -224,17 +224,17 @@ def test_moment_of_gravity_and_acceleration_is_the_slope_of_a_potential(values: 
 @pytest.mark.parametrize("on_fin", [False, True])
 def test_encoder_speed_is_the_difference_of_floored_counts(values: Values, on_fin: bool) -> None:
     # Without position gain the reference speed is 0, and u = -Kp_vel * measured speed, that of the motor's encoder.
-    given = {**values, "encoder.on_fin": on_fin, "controller.position.kp": 0.0, "controller.position.ki": 0.0}
-    plant, count = Plant(given), 2 * math.pi / (2048 * 4)
+    overridden = {**values, "encoder.on_fin": on_fin, "controller.position.kp": 0.0, "controller.position.ki": 0.0}
+    plant, count = Plant(overridden), 2 * math.pi / (2048 * 4)
     path = [0.0, -1e-4, 2e-3, 0.0105, 0.0104]
     controllers = Controllers(plant, plant)
     before = 0
     for delta in path:
         counts = math.floor(plant.motor_angle(delta) / count)
-        speed = (counts - before) * count / given["controller.sample_time"]
+        speed = (counts - before) * count / overridden["controller.sample_time"]
         before = counts
-        expected = -given["controller.velocity.kp"] * speed
-        # The true rate, here absurd, must not matter.  Rounding of 10 V.
+        expected = -overridden["controller.velocity.kp"] * speed
+        # The true rate, here 1e3 rad/s, must not matter. Rounding of 10 V.
         u = controllers.sample(delta, 1e3, 0.0, True)
         assert u == pytest.approx(max(-10.0, min(10.0, expected)), abs=1e-12)
 
@@ -243,16 +243,16 @@ def test_encoder_speed_is_the_difference_of_floored_counts(values: Values, on_fi
 def test_compensation_is_the_friction_voltage_within_the_speed_band(
     values: Values, command: float, band: float | None
 ) -> None:
-    # Without velocity gain u is the compensation alone; -6 degC must not change it.
-    given = {**values, "controller.velocity.kp": 0.0, "encoder.enabled": False, "friction.temperature": -6.0}
-    plant = Plant(given)
-    if band is None:  # inside the band: proportional to the reference speed Kp_pos theta_m(command)
-        reference = given["controller.position.kp"] * plant.motor_angle(command)
-        band = reference / given["compensation.speed_band"]
+    # Without velocity gain the reference is the compensation, which -6 degC must not change.
+    overridden = {**values, "controller.velocity.kp": 0.0, "encoder.enabled": False, "friction.temperature": -6.0}
+    plant = Plant(overridden)
+    if band is None:  # within the band, in proportion to the reference speed Kp_pos theta_m(command)
+        reference = overridden["controller.position.kp"] * plant.motor_angle(command)
+        band = reference / overridden["compensation.speed_band"]
         assert abs(band) < 1.0
     side = "positive" if command > 0 else "negative"
-    friction = given[f"friction.coulomb.{side}[0]"]  # the polynomial at delta = 0
-    expected = friction / given["motor.torque_constant"] / given["drive.current_gain"] * band
+    friction = overridden[f"friction.coulomb.{side}[0]"]  # the polynomial at delta = 0
+    expected = friction / overridden["motor.torque_constant"] / overridden["drive.current_gain"] * band
     # Some ten roundings of 0.2 V.
     u = Controllers(plant, plant).sample(0.0, 0.0, command, True)
     assert u == pytest.approx(expected, abs=1e-14)
@@ -275,19 +275,19 @@ def test_friction_is_linear_between_the_points_of_its_table(
 
 
 def test_small_signals_follow_the_sampled_linear_model(values: Values) -> None:
-    given = {**values, **FRICTIONLESS, "kinematics.initial_angle": 0.0, "drive.current_offset": 0.0}
-    given |= {"encoder.enabled": False, "compensation.gain": 0.0, "friction.viscous.positive": 5e-4}
-    given |= {"friction.viscous.negative": 5e-4}
+    overridden = {**values, **FRICTIONLESS, "kinematics.initial_angle": 0.0, "drive.current_offset": 0.0}
+    overridden |= {"encoder.enabled": False, "compensation.gain": 0.0, "friction.viscous.positive": 5e-4}
+    overridden |= {"friction.viscous.negative": 5e-4}
     command = 1e-4
-    result = simulate(given, rows(0.1, fin_command=command))
-    expected = linear_response(given, command, len(result["time"]))
-    # cos^-2 differs from 1 by delta^2 = 1e-8, so the models differ by about 1e-12 rad.
+    result = simulate(overridden, rows(0.1, fin_command=command))
+    expected = linear_response(overridden, command, len(result["time"]))
+    # cos^-2 differs from 1 by delta^2 = 1e-8, which makes about 1e-12 rad.
     np.testing.assert_allclose(result["fin_angle"], expected, rtol=0, atol=1e-11)
-    assert expected[-1] == pytest.approx(command, rel=0.1)  # there, but for the overshoot of any sensible gains
+    assert expected[-1] == pytest.approx(command, rel=0.1)  # except for overshoot
 
 
 def linear_response(p: Values, command: float, count: int) -> list[float]:
-    """Fin angle of (2.18 - 2.26) under the sampled controllers, exact between discrete instants."""
+    """Return the fin angle [rad] of (2.18 - 2.26) with sampled controllers, exact between samples."""
     n = p["kinematics.moment_arm"] / p["screw.lead"]
     fin = p["inertia.fin"] + p["inertia.shaft"] + p["inertia.fork"]
     inertia = p["inertia.motor"] + p["inertia.screw"] + p["mass.nut"] * p["screw.lead"] ** 2 + fin / n**2
@@ -316,39 +316,39 @@ def linear_response(p: Values, command: float, count: int) -> list[float]:
     return angles
 
 
-def test_tighter_tolerance_changes_nothing_that_matters(
+def test_tighter_tolerance_changes_the_fin_angle_by_less_than_1e_10_rad(
     values: Values, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    given, inputs = {**values, "encoder.enabled": False}, step_to(20.0, 0.12)
-    usual = simulate(given, inputs)
+    overridden, inputs = {**values, "encoder.enabled": False}, step_to(20.0, 0.12)
+    usual = simulate(overridden, inputs)
     rtol, _, max_step = Plant.accuracy
     monkeypatch.setattr(Plant, "accuracy", Plant.accuracy._replace(rtol=rtol / 10, max_step=max_step / 3))
-    tight = simulate(given, inputs)
-    # The reference has to be good for 1e-8 rad; a tenth of the 1e-9 rad the product promises is kept.
+    tight = simulate(overridden, inputs)
+    # A hundredth of the required accuracy of the independent integration, 1e-8 rad.
     assert np.max(np.abs(usual["fin_angle"] - tight["fin_angle"])) < 1e-10
-    # The run must have slipped, stuck and clipped for this to mean anything.
+    # The run must include the voltage limit and a high rate.
     assert usual["motor_voltage"].max() == 39.0
     assert np.degrees(usual["fin_rate"].max()) > 220.0
 
 
-def test_output_grid_does_not_touch_the_trajectory(values: Values) -> None:
+def test_output_grid_does_not_change_the_trajectory(values: Values) -> None:
     coarse = simulate(values, step_to(5.0, 0.06))
     time = np.arange(4 * 60 + 1) * 0.25e-3
     fine = simulate(values, {"time": time, "fin_command": np.where(time > 0.0099, math.radians(5.0), 0.0)})
-    # Other breakpoints, other steps: the difference is integration error, as in the tolerance test.
+    # Another grid has other integration steps: the difference is integration error, as above.
     np.testing.assert_allclose(fine["fin_angle"][::4], coarse["fin_angle"], rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("on_fin", [False, True])
 def test_encoder_leaves_the_fin_within_its_resolution(values: Values, on_fin: bool) -> None:
-    # With unbounded resolution an encoder gives the true angle and the true rate, averaged over a sample.
-    given = {**values, "encoder.on_fin": on_fin, "encoder.pulses": 10**8}
+    # With a very fine resolution an encoder measures the true angle, and the true rate averaged over a sample.
+    overridden = {**values, "encoder.on_fin": on_fin, "encoder.pulses": 10**8}
     coarse = simulate({**values, "encoder.on_fin": on_fin}, step_to(5.0, 0.1))["fin_angle"]
-    fine = simulate(given, step_to(5.0, 0.1))["fin_angle"]
-    # A count is 7.7e-4 rad of motor, or of fin when the encoder sits there: the fin follows within a few.
+    fine = simulate(overridden, step_to(5.0, 0.1))["fin_angle"]
+    # A count is 7.7e-4 rad of the motor, or of the fin with an encoder there.
     count = 2 * math.pi / 8192 / (1 if on_fin else Plant(values).ratio(0.0))
     assert 0.0 < np.max(np.abs(coarse - fine)) < 30 * count
-    assert fine[-1] == pytest.approx(math.radians(5.0), rel=0.1)  # there, but for the overshoot
+    assert fine[-1] == pytest.approx(math.radians(5.0), rel=0.1)  # except for overshoot
 
 
 # Cases and files ------------------------------------------------------------------------------------------
@@ -362,7 +362,7 @@ def test_case_starts_at_rest_and_uses_interface_inputs(case: Case) -> None:
     lead_in = inputs["time"] < 0.0495
     assert lead_in.sum() == 50
     assert not inputs["fin_command"][lead_in].any()
-    # Nine digits are stored: half a unit of the ninth digit of 0.35 rad.
+    # Nine decimals are stored.
     assert np.max(np.abs(inputs["fin_command"])) == pytest.approx(case.amplitude, abs=1e-9, rel=1e-4)
 
 
@@ -371,7 +371,7 @@ def test_names_of_cases_are_unique() -> None:
 
 
 def test_a_sag_is_a_share_of_the_supply() -> None:
-    """The default's to the bit: from 39 to 28 V, as stored."""
+    """With the default supply it is exactly from 39 to 28 V, as stored."""
     small = load_parameters().with_values({"drive.supply_voltage": 28.0})
     default, other = ({case.name: case for case in files.cases(each.model, each.values)}
                       for each in (load_parameters(), small))
@@ -384,16 +384,10 @@ def test_a_sag_is_a_share_of_the_supply() -> None:
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> Case:
-    """A case of 80 ms in place of the others, with an override."""
-    case = Case(
-        "short",
-        "A short step",
-        "step",
-        0.08,
-        math.radians(5.0),
-        lambda t: {"fin_command": np.where(t > 0.0495, math.radians(5.0), 0.0)},
-        {"friction.temperature": -6.0},
-    )
+    """A case of 80 ms with an override, which replaces the others."""
+    case = Case("short", "A short step", "step", 0.08, math.radians(5.0),
+                lambda t: {"fin_command": np.where(t > 0.0495, math.radians(5.0), 0.0)},
+                {"friction.temperature": -6.0})
     monkeypatch.setattr(files, "CASES", [case])
     return case
 
@@ -421,7 +415,7 @@ def test_files_round_trip(short: Case, tmp_path: Path) -> None:
     assert entry["sha256_ref"] == hashlib.sha256(text.encode()).hexdigest()
 
 
-def test_nothing_is_written_before_all_is_there(short: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_regeneration_changes_no_file(short: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     files.regenerate(tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     runs = iter([{"time": np.zeros(2), "fin_angle": np.ones(2)}])
@@ -438,7 +432,8 @@ def test_nothing_is_written_before_all_is_there(short: Case, tmp_path: Path, mon
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_one_case_keeps_the_records_of_the_others(short: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_regenerating_one_case_keeps_the_provenance_of_the_others(short: Case, tmp_path: Path,
+                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
     another = dataclasses.replace(short, name="another")
     monkeypatch.setattr(files, "CASES", [short, another])
     files.regenerate(tmp_path, ["another"])
@@ -451,7 +446,7 @@ def test_one_case_keeps_the_records_of_the_others(short: Case, tmp_path: Path, m
     assert list(files.read_provenance(tmp_path)) == ["short", "another"]
 
 
-def test_comparison_sees_a_changed_response(short: Case, tmp_path: Path) -> None:
+def test_comparison_finds_a_changed_response(short: Case, tmp_path: Path) -> None:
     files.regenerate(tmp_path)
     assert all(maximum <= tolerance for *_, maximum, tolerance in files.compare(tmp_path, ["short"]))
     path = tmp_path / "EMCAS_short_ref.csv"
@@ -460,7 +455,7 @@ def test_comparison_sees_a_changed_response(short: Case, tmp_path: Path) -> None
     path.write_text(files.csv_text(stored), encoding="utf-8")
     (bad,) = [d for d in files.compare(tmp_path) if d.maximum > d.tolerance]
     assert (bad.case, bad.variable) == ("short", "fin_angle")
-    assert bad.maximum == pytest.approx(1e-7, rel=0.05)  # a change of 1e-7 stored with 1e-9 digits
+    assert bad.maximum == pytest.approx(1e-7, rel=0.05)  # 1e-7 is stored with nine decimals
 
 
 def test_unknown_case_is_refused(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Write the table of trajectories anew."""
+"""Write the table of trajectories."""
 
 from .table import write
 

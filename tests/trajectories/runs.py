@@ -1,4 +1,4 @@
-"""What the table of trajectories is of: every actuator and extension through one rich history, in Python."""
+"""Runs of the table of trajectories: every actuator and extension under one varied history, in Python."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from emcas_fmu.simulation import Signal, simulate, simulate_fins
 Marks = dict[str, float]
 STOP = 0.52  # s, the end of the history
 
-# Parameters that leave a term out of the equations as shipped, at values that bring it in.
+# Parameters whose shipped values remove a term from the equations, with values that include it.
 OTHER: Mapping[str, Any] = {
     "center_of_mass.fin.z": 0.011, "center_of_mass.shaft.x": 0.004, "center_of_mass.shaft.z": 0.003,
     "center_of_mass.fork.x": 0.002, "center_of_mass.fork.z": 0.005, "controller.position.velocity_feedforward": 0.3,
@@ -48,21 +48,21 @@ OTHER: Mapping[str, Any] = {
     **{f"friction.coulomb.{side}[{k}]": sign * value * 1e-3 for side, sign in (("positive", 1.0), ("negative", -1.2))
        for k, value in ((1, 7.0), (2, 3.0), (3, 2.0), (4, 1.5), (5, 1.0), (6, 0.5))},
 }
-# No encoder; a cold unit that heats soon.
+# No encoder; a cold actuator that soon gets warm.
 SWIFT: Mapping[str, Any] = {
     "encoder.enabled": False, "homing.required": False, "heat.continuous_current": 4.0, "friction.temperature": -6.0,
     "command.update_time": 3.4e-3}
-# Stops so near that homing ends soon.
+# The stops are near, so that homing ends soon.
 HOMING: Mapping[str, Any] = {
     "fin.stop_angle": radians(6.0), "command.limit": radians(5.0), "homing.speed": radians(100.0),
     "homing.reference_limit": 5.0, "homing.stall_time": 0.02, "homing.travel_tolerance": radians(1.5),
     "homing.return_tolerance": radians(1.0), "homing.timeout": 0.75}
 SETTINGS: Mapping[str, tuple[Mapping[str, Any], float]] = {  # with the communication step [s]
     "shipped": ({}, 1e-3), "other": (OTHER, 0.65e-3), "swift": (SWIFT, 1.3e-3)}
-# Actuators of which no two have the same drive line and states.
+# One actuator for each combination of drive line and states.
 KINDS = ("nonlinear", "linear", "second-order", "ristanovic", "elastic", "worm-gear", "clutch", "series-clutch",
          "servo", "electrohydrostatic", "electrohydraulic")
-# With faults: monitors that trip and clear within the history.
+# Limits with which the monitors trip and clear within the history, for models with faults.
 WATCHED: Mapping[str, Any] = {
     "monitor.persistence": 3e-3, "monitor.tracking_limit": radians(0.4), "monitor.response": 90.0,
     "monitor.rate": radians(150.0), "monitor.stall_share": 0.3, "monitor.stall_rate": radians(20.0),
@@ -71,7 +71,7 @@ LINE = {"bus.source_resistance": 0.08, "line.accumulator_volume": 2e-4}
 
 
 def fullest(name: str) -> str:
-    """Return an actuator with as many extensions as go together."""
+    """Return an actuator with as many extensions as it may have together."""
     for extension in EXTENSIONS[:-1]:
         try:
             get(f"{name}+{extension}")
@@ -89,7 +89,7 @@ def models() -> list[str]:
 
 
 def mark(column: Any) -> float:
-    """Return a mean of a column in which every row counts, and each differently."""
+    """Return a weighted mean of a column, in which every row has another weight."""
     values = np.asarray(column, dtype=float).tolist()
     return fsum(x * (1.0 + k / len(values)) for k, x in enumerate(values)) / len(values)
 
@@ -107,14 +107,14 @@ def command(time: float) -> float:
 
 @cache
 def load(time: float) -> float:
-    """Return the hinge moment [N.m]: both ways, and enough to drive the fin to its stop while the drive is off."""
+    """Return the load [N.m] in both directions; while the drive is disabled it moves the fin to its stop."""
     return _within(time, (0.05, 0.09, 60.0), (0.11, 0.15, -45.0), (0.19, 0.21, -90.0), (0.32, 0.37, -900.0),
                    (0.37, 0.4, 500.0), (0.48, 0.5, 20.0))
 
 
 @cache
 def supply(time: float) -> float:
-    """Return the supply, as a share of its start: it dips, rises and fails for a while."""
+    """Return the supply as a share of its start value: it falls, rises and fails for a while."""
     return 1.0 + _within(time, (0.18, 0.21, -0.45), (0.21, 0.24, 0.25), (0.41, 0.425, -0.8), (0.425, 0.43, -1.0))
 
 
@@ -148,7 +148,7 @@ def _marks(columns: Mapping[str, Any]) -> Marks:
 
 
 def through(model: str) -> Iterator[tuple[str, Marks]]:
-    """Give the marks of each run that is made of a model, with what it is of."""
+    """Yield the name and marks of each run of a model."""
     p = load_parameters(model=model)
     _, *extensions = model.split("+")
     for setting, (values, step) in SETTINGS.items():
@@ -163,16 +163,16 @@ def through(model: str) -> Iterator[tuple[str, Marks]]:
         lasting = p.with_values({**HOMING, "homing.required": False})
         yield "obstacle", run(lasting, 0.5, 1e-3, home=lambda t: t > 0.01, aero_torque=lambda t: -400.0 * (t > 0.06))
     if extensions == ["faults"]:
-        for place, fault in enumerate(fault_list.possible(get(model.removesuffix("+faults")))):
+        for index, fault in enumerate(fault_list.possible(get(model.removesuffix("+faults")))):
             scheduled = {f"fault.{fault.name}.begin": 0.065, f"fault.{fault.name}.end": 0.17}
-            chosen = p.with_values({**p.having({**OTHER, **WATCHED, "encoder.on_fin": place % 2 == 1}), **scheduled})
+            chosen = p.with_values({**p.having({**OTHER, **WATCHED, "encoder.on_fin": index % 2 == 1}), **scheduled})
             yield fault.name, run(chosen, 0.2, 1e-3, **history(chosen))
     if extensions in ([], ["supply"]):
         yield "three fins", several(p)
 
 
 def several(p: ParameterSet) -> Marks:
-    """Return the marks of three fins, mounted apart, on one line that gives way, mixing among their commands."""
+    """Return the marks of three fins with different mountings, on one weak supply line, also with mixed commands."""
     sets = [p.with_values({"mounting.azimuth": azimuth, "loads.gravity": True}) for azimuth in (0.3, 2.2, -1.8)]
     line = {} if p.actuator.supply is None else {v.name: LINE[v.name] for v in p.actuator.supply.line.parameters
                                                  if v.name in LINE}

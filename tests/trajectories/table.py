@@ -1,9 +1,10 @@
-"""What the equations, rules and declarations give, as numbers that are kept: a table in JSON.
+"""The table of trajectories: results of equations, rules and declarations in a JSON file.
 
-    python -m tests.trajectories        # writes it anew
+    python -m tests.trajectories        # writes the table again
 
-A test compares. The table is renewed where equations change on purpose, after their own tests pass: these numbers show
-that something moved, not that it is right. The difference in the table shows which actuators moved; the others may not.
+Tests compare it with the present results. It is written again if equations change on purpose, after their own tests
+pass: the numbers show that results have changed, not that they are right. The difference in the table shows which
+actuators have changed; the others must not.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from emcas_fmu.actuators import get
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 
-from .points import moved, points
+from .points import points, varied
 from .runs import mark, models, through
 
 FILE = Path(__file__).with_name("table.json")
@@ -28,7 +29,7 @@ _NEVER: dict[Any, str] = {inf: "inf", -inf: "-inf"}  # JSON has neither
 
 
 def trajectories(model: str) -> dict[str, list[float]]:
-    """Return the marks of a model's runs by what they are of, each in the order of the model's outputs."""
+    """Return the marks of a model's runs by the run's name, each in the order of the model's outputs."""
     return {name: [_short(value) for value in marks.values()] for name, marks in through(model)}
 
 
@@ -41,24 +42,24 @@ def declared(model: str) -> dict[str, list[Any]]:
 
 
 def rules(model: str) -> list[float]:
-    """Return a mark of each rule of a model over random parameters: how far it is broken, and the numbers it names.
+    """Return a mark of each rule of a model over random parameters, from its margin and the numbers of its message.
 
-    The last are those of rules that warn with the supply.
+    Rules that warn about the supply are last.
     """
     p, draw = load_parameters(model=model), random.Random(7)
-    varied = [v for v in p.actuator.file_entries if v.kind == "Real"]
+    entries = [v for v in p.actuator.file_entries if v.kind == "Real"]
     columns: dict[int, list[float]] = {}
     for _ in range(30):
-        values = {**p.values, **{v.name: moved(draw, v.minimum, v.maximum, p.values[v.name])
-                                 for v in draw.sample(varied, len(varied) // 3)}}
-        given = p.actuator.namespace(values)
-        for place, rule in enumerate((*p.actuator.all_rules, *p.actuator.supply_rules)):
+        values = {**p.values, **{v.name: varied(draw, v.minimum, v.maximum, p.values[v.name])
+                                 for v in draw.sample(entries, len(entries) // 3)}}
+        namespace = p.actuator.namespace(values)
+        for index, rule in enumerate((*p.actuator.all_rules, *p.actuator.supply_rules)):
             for share in (-0.8, 0.0, 0.6):
                 try:
-                    found = rule.check(FLOATS, given, share)
+                    results = rule.check(FLOATS, namespace, share)
                 except (ArithmeticError, ValueError):
-                    found = (-7.0,)
-                columns.setdefault(place, []).extend(x if isfinite(x) else -9.0 for x in map(float, found))
+                    results = (-7.0,)
+                columns.setdefault(index, []).extend(x if isfinite(x) else -9.0 for x in map(float, results))
     return [_short(mark(column)) for column in columns.values()]
 
 
@@ -88,7 +89,7 @@ def _block(lines: Iterable[str]) -> str:
     return "{\n" + ",\n".join(lines) + "}"
 
 
-def kept() -> Mapping[str, Any]:
-    """Return the table as it was written."""
+def stored() -> Mapping[str, Any]:
+    """Return the stored table."""
     table: Mapping[str, Any] = json.loads(FILE.read_text(encoding="utf-8"))
     return table
