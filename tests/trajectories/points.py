@@ -59,7 +59,7 @@ def _rates(actuator: Actuator, p: Any, values_by_name: PlantInputs) -> Iterable[
 
 
 def _parameters(p: ParameterSet, draw: random.Random) -> Iterator[Mapping[str, Any]]:
-    """Give parameters: as shipped, with every term brought in, both with random changes, most of them 0."""
+    """Yield values: shipped ones, ones with every term of the equations, both with random changes, and mostly zeros."""
     numbers = [v for v in p.actuator.parameters if v.kind == "Real" and v.name not in _TIMING]
     switches = [v.name for v in p.actuator.parameters if v.kind == "Boolean"]
     for count in range(SETS):

@@ -1,4 +1,4 @@
-"""`emcas validate` as a user meets it: on the shipped FMU, on a wrong one and on broken surroundings."""
+"""`emcas validate` of the shipped FMU, of wrong FMUs, with damaged references, and of actuators without an FMU."""
 
 from __future__ import annotations
 
@@ -75,26 +75,26 @@ def test_shipped_fmu_meets_every_requirement(whole: Validation) -> None:
         "bandwidth_3p5deg"}
     assert [name for name, c in judged.items() if not c.passed or c.skipped] == []
     assert list(judged) == [r.name for r in load_requirements(None, load_parameters()).requirements]
-    # Figures no limit would catch: twice the measured rate, a tenfold bandwidth would mean a broken measurement.
+    # No requirement has an upper limit of rates and bandwidths; wrong measurements would be far above.
     assert 220.0 < judged["unloaded_rate"].measured < 300.0  # type: ignore[operator]
     assert judged["loaded_rate"].measured < judged["unloaded_rate"].measured  # type: ignore[operator]
-    # Without friction, counts and limits it is 14.93 Hz. Friction and counts take 4 % of it at 1 deg; at 3.5 deg they
-    # take less, and limits act from 14 Hz on only.
+    # Without friction, counts and limits the bandwidth is 14.93 Hz. Friction and counts reduce it by 4 % at 1 deg; at
+    # 3.5 deg they reduce it less, and limits act only above 14 Hz.
     small, large = (judged[f"bandwidth_{size}deg"].measured for size in ("1", "3p5"))
     assert 0.95 * 14.93 < small < 14.93  # type: ignore[operator]
     assert small < large < 1.02 * 14.93  # type: ignore[operator]
 
 
-def test_linear_model_is_compared_not_assumed(whole: Validation) -> None:
+def test_comparison_with_the_linear_model(whole: Validation) -> None:
     by_amplitude = {c["amplitude"]: c for c in whole.comparisons}
     assert list(by_amplitude) == [1.0, 2.0, 3.0, 10.0, 20.0]
     assert {f["name"]: f["holds"] for f in whole.findings} == {
         "linear_alike_below_3deg": True, "nonlinear_slower_above_3deg": True}
-    # 20 deg at the 234 deg/s measured take 68.6 ms from 10 to 90 %; without limits the rise takes 22.9 ms for any step.
+    # 20 deg at the measured 234 deg/s take 68.6 ms from 10 to 90 %; the linear model takes 22.9 ms for any step.
     assert by_amplitude[20.0]["rise_time_fmu"] > 2.9 * by_amplitude[20.0]["rise_time_linear"]
 
 
-def test_result_goes_through_json(whole: Validation, tmp_path: Path) -> None:
+def test_json_has_the_result_and_null_for_nan(whole: Validation, tmp_path: Path) -> None:
     write_json(as_dict(whole), tmp_path / "result.json")
     document = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert document["schema"] == "emcas-validation/2"
@@ -124,7 +124,7 @@ def test_junit_has_a_test_case_for_each_criterion(whole: Validation, tmp_path: P
 
 @pytest.mark.slow
 @pytest.mark.drawn
-def test_report_is_one_page_that_repeats(whole: Validation, tmp_path: Path) -> None:
+def test_report_is_reproducible_and_fetches_nothing(whole: Validation, tmp_path: Path) -> None:
     for name in ("a.html", "b.html"):
         write_report(whole, tmp_path / name)
     page = (tmp_path / "a.html").read_text(encoding="utf-8")
@@ -132,8 +132,8 @@ def test_report_is_one_page_that_repeats(whole: Validation, tmp_path: Path) -> N
     assert page.count("<svg") == 10
     assert "engineering estimates" in page
     assert "not measurements" in page
-    # Nothing is fetched: the only addresses are names of XML namespaces.
-    bare = re.sub("<script>.*?</script>", "", page, flags=re.DOTALL)  # the library's heading names its home
+    # The only addresses are names of XML namespaces, and one in the comment of the chart library.
+    bare = re.sub("<script>.*?</script>", "", page, flags=re.DOTALL)
     fetched = [word for word in bare.replace('"', " ").split() if "://" in word and "www.w3.org/" not in word]
     assert not fetched
     assert not re.search("<script[^>]* src=", page)
@@ -141,25 +141,26 @@ def test_report_is_one_page_that_repeats(whole: Validation, tmp_path: Path) -> N
     assert len(ids) == len(set(ids))
 
 
-def test_command_writes_all_files_and_says_what_failed(fmu: Path, tmp_path: Path) -> None:
+def test_command_writes_all_files(fmu: Path, tmp_path: Path) -> None:
     files = {name: tmp_path / f"out.{kind}" for name, kind in KINDS.items()}
     options = [part for name, path in files.items() for part in (f"--{name}", path)]
     done = emcas(fmu, "--case", "step_plus1", *options)
     assert done.exit_code == 0, done.output
     assert "step_plus1" in done.stdout
-    assert "the one criterion is met" in done.stdout  # with a case named no requirement is judged
+    assert "the one criterion is met" in done.stdout  # with --case no requirement is judged
     assert "bandwidth" not in done.stdout
     assert "missing input" not in done.output
     assert all(path.stat().st_size for path in files.values())
 
 
-def test_another_parameter_fails_by_the_defaults_references(tmp_path: Path) -> None:
-    """Compared with them if requested, otherwise not: they belong to other parameters."""
+def test_a_changed_parameter_fails_by_the_default_references_if_they_are_requested(tmp_path: Path) -> None:
+    """Without --directory the FMU is compared with its embedded references."""
     defaults = load_parameters()
-    # 2 % of torque constant: some 0.1 ms of a 25 ms rise, at 60 deg/s several times the 0.002 deg allowed.
+    # 2 % of the torque constant are some 0.1 ms of a 25 ms rise; at 60 deg/s this is several times the 0.002 deg.
     changed = defaults.with_values({"motor.torque_constant": 1.02 * float(defaults.values["motor.torque_constant"])})
     fmu = build(changed, tmp_path / "Other.fmu").path
-    assert "references in" in (alone := emcas("--model", "nonlinear", fmu, "--case", "step_plus1").output), alone
+    output = emcas("--model", "nonlinear", fmu, "--case", "step_plus1").output
+    assert "references in" in output, output
     done = emcas(fmu, "--case", "step_plus1", "--directory", REFERENCE, "--json", tmp_path / "result.json")
     assert done.exit_code == 1, done.output
     assert "FAIL" in done.stdout
@@ -167,7 +168,7 @@ def test_another_parameter_fails_by_the_defaults_references(tmp_path: Path) -> N
     assert [d["name"] for d in document["fmu"]["differences"]] == ["motor.torque_constant"]
 
 
-def test_a_sag_is_of_the_subjects_own_supply(tmp_path: Path) -> None:
+def test_a_sag_is_a_share_of_the_subject_s_supply(tmp_path: Path) -> None:
     defaults = load_parameters()
     result = validate(ParameterSubject(defaults.with_values({"drive.supply_voltage": 48.0})), ["sag"])
     supply = result.cases["sag"].run.excitation.columns["supply_voltage"]
@@ -177,7 +178,7 @@ def test_a_sag_is_of_the_subjects_own_supply(tmp_path: Path) -> None:
     assert "from 48 to 34.5 V" in page
     assert "the shipped motor" not in page
     assert "39 to 28" not in page + summary_text(result)
-    # A reference of 39 V says nothing of it: it is not compared with it, and a note has the reason.
+    # The reference has 39 V, so the response is not compared; a note has the reason.
     assert not result.trajectory
     assert any("own supply of 48 V" in note and "39 V" in note for note in result.notes)
     usual = validate(ParameterSubject(defaults), ["sag"])
@@ -213,8 +214,8 @@ def broken_provenance(folder: Path) -> None:
     (folder / "provenance.toml").write_text("[step\n", encoding="utf-8")
 
 
-def half_written(folder: Path) -> None:
-    """Leave what a run leaves that is stopped after three cases and writes each as it goes."""
+def incomplete_provenance(folder: Path) -> None:
+    """Remove all cases but the first three from the provenance."""
     path = folder / "provenance.toml"
     first = re.split(r"^(?=\[\w+\]$)", path.read_text(encoding="utf-8"), flags=re.MULTILINE)[:4]
     path.write_text("".join(first), encoding="utf-8")
@@ -226,7 +227,7 @@ def truncated(folder: Path) -> None:
 
 
 def changed(name: str, pattern: str, replacement: str) -> Callable[[Path], None]:
-    """Return a function that changes a file and its hash in the provenance, so that the hash agrees."""
+    """Return a function that changes a file and its hash in the provenance."""
     def change(folder: Path) -> None:
         path, provenance = folder / name, folder / "provenance.toml"
         before = path.read_text(encoding="utf-8")
@@ -241,17 +242,17 @@ def changed(name: str, pattern: str, replacement: str) -> Callable[[Path], None]
 
 
 def test_copied_references_are_sound(fmu: Path, tmp_path: Path) -> None:
-    """Before the harm that the next test does to them."""
+    """The next test damages such copies."""
     assert emcas(fmu, "--case", "step_plus1", "--directory", copied(tmp_path)).exit_code == 0
 
 
 TABLE, ENTRY = "EMCAS_step_plus1_ref.csv", r"(\[step_plus1\]\n.*?"
 
 
-@pytest.mark.parametrize(("harm", "named"), [
+@pytest.mark.parametrize(("damage", "named"), [
     (tampered, "EMCAS_step_plus1_ref.csv"), (without_file, "EMCAS_step_plus1_in.csv"),
     (without_provenance, "provenance.toml"), (broken_provenance, "provenance.toml"), (shutil.rmtree, "reference"),
-    (half_written, "reference: has no reference of step_plus5, step_minus5, "),
+    (incomplete_provenance, "reference: has no reference of step_plus5, step_minus5, "),
     (truncated, "EMCAS_step_plus20_ref.csv"),
     (changed(TABLE, r"\n0.05,0,", "\n0.05,1e308,"), f"{TABLE}: column fin_angle has 1e+308; expected"),
     (changed(TABLE, r"\n0.05,0,", "\n0.05,nan,"), f"{TABLE}: column fin_angle has nan"),
@@ -261,15 +262,15 @@ TABLE, ENTRY = "EMCAS_step_plus1_ref.csv", r"(\[step_plus1\]\n.*?"
     (changed(TABLE, r",fin_angle", ",fin_angel"), "step_plus1: there is no column fin_angle"),
     (changed(TABLE, r"\n0.05,.*", "\n"), "step_plus1: the column time does not go from 0 to 0.5 s in steps of 0.001 s"),
     (changed(TABLE, r"\n.*", ""), f"{TABLE}: it has no rows"),
-    *((changed("provenance.toml", ENTRY + pattern, rf"\g<1>{value}"), f"provenance.toml: step_plus1: {said}")
-      for pattern, value, said in (
+    *((changed("provenance.toml", ENTRY + pattern, rf"\g<1>{value}"), f"provenance.toml: step_plus1: {message}")
+      for pattern, value, message in (
           (r"stop_time = )[^\n]*", "nan", "its stop time is nan; expected seconds above 0"),
           (r"stop_time = )[^\n]*", "1e308", "the column time does not go from 0 to 1e+308 s"),
           (r"\nstep = )[^\n]*", "-0.001", "its step is -0.001"), (r"\nstep = )[^\n]*", '"x"', "its step is 'x'"),
           (r'"encoder.enabled" = )[^\n]*', "inf", "the start value of encoder.enabled is inf")))])
-def test_unsound_references_are_refused(fmu: Path, tmp_path: Path, harm: Callable[[Path], Any], named: str) -> None:
+def test_damaged_references_are_refused(fmu: Path, tmp_path: Path, damage: Callable[[Path], Any], named: str) -> None:
     folder = copied(tmp_path)
-    harm(folder)
+    damage(folder)
     done = emcas(fmu, "--directory", folder)
     assert done.exit_code == 2, done.output
     assert named in done.stderr
@@ -283,7 +284,7 @@ def custom(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def validated(tmp_path: Path, *arguments: object) -> tuple[Result, dict[str, Any]]:
-    """The command's end, and its JSON."""
+    """Return the command's result and its JSON."""
     done = emcas(*arguments, "--json", tmp_path / "out.json")
     assert done.exit_code in (0, 1), done.output
     return done, json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
@@ -293,8 +294,8 @@ def judged(document: Mapping[str, Any], group: str = "trajectory") -> list[str]:
     return [c["name"] for c in document["criteria"] if c["group"] == group and not c["skipped"]]
 
 
-def test_other_parameters_are_judged_by_the_references_inside(custom: Path, tmp_path: Path) -> None:
-    """The outputs say so; what the stored ones excite has no reference then."""
+def test_an_fmu_with_other_parameters_is_judged_by_its_embedded_references(custom: Path, tmp_path: Path) -> None:
+    """All outputs name them; cases that only the stored references have are not judged."""
     done, document = validated(tmp_path, custom, "--case", "step_and_load", "--case", "load_opposing",
                                "--junit", tmp_path / "out.xml", "--report", tmp_path / "out.html")
     assert done.exit_code == 0, done.output
@@ -311,23 +312,23 @@ def test_other_parameters_are_judged_by_the_references_inside(custom: Path, tmp_
     assert page.count("<svg") == 1
 
 
-def test_the_shipped_references_are_those_of_the_default_one_unless_others_are_asked_for(fmu: Path, tmp_path: Path
-                                                                                         ) -> None:
+def test_the_default_fmu_is_judged_by_the_shipped_references_or_with_inside_by_its_own(fmu: Path, tmp_path: Path
+                                                                                       ) -> None:
     _, usual = validated(tmp_path, fmu, "--case", "sag", "--case", "step_plus1")
     assert (judged(usual), usual["reference_inside"]) == (["step_plus1", "sag"], False)
     _, inside = validated(tmp_path, fmu, "--inside", "--case", "sag", "--case", "step_plus1")
     assert (judged(inside), inside["reference_inside"]) == (["sag"], True)
     (one,), (other,) = ([c for c in each["criteria"] if c["name"] == "sag"] for each in (usual, inside))
-    # Inside, half a unit of the seventh decimal of a radian is cut off.
+    # Embedded references are rounded to seven decimals of a radian.
     assert other["measured"] == pytest.approx(one["measured"], abs=np.degrees(0.6e-7))
     assert other["measured"] != one["measured"]
 
 
-def test_fins_are_judged_each_by_its_own(shipped_unit: Callable[..., Path], tmp_path: Path) -> None:
+def test_each_fin_is_judged_by_its_own_reference(shipped_unit: Callable[..., Path], tmp_path: Path) -> None:
     unit = shipped_unit("python", fins=4)
     _, usual = validated(tmp_path, unit, "--fin", "3", "--case", "step_plus20")
     assert judged(usual) == ["step_plus20"]
-    assert not any("made with other parameters" in note for note in usual["notes"])  # but for its place on the body
+    assert not any("made with other parameters" in note for note in usual["notes"])  # only the mounting differs
     for fin in ("1", "3"):
         done, document = validated(tmp_path, unit, "--fin", fin, "--case", "fins")
         assert (done.exit_code, judged(document), document["reference_inside"]) == (0, ["fins"], True)
@@ -335,7 +336,7 @@ def test_fins_are_judged_each_by_its_own(shipped_unit: Callable[..., Path], tmp_
 
 @pytest.mark.slow
 @pytest.mark.drawn
-def test_a_record_is_not_called_independent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recorded_reference_is_not_called_independent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     local = local_platform()
     assert local is not None
     parameters = load_parameters(model="second-order")
@@ -352,7 +353,7 @@ def test_a_record_is_not_called_independent(tmp_path: Path, monkeypatch: pytest.
     assert not re.search("independent (reference|numerical|integration)", page)
 
 
-@pytest.mark.parametrize(("pattern", "replacement", "said"), [
+@pytest.mark.parametrize(("pattern", "replacement", "message"), [
     (b'source="step_and_load_ref.csv"', b'source="../../../EMCAS_step_ref.csv"', "is outside the FMU"),
     (b'source="step_and_load_ref.csv"', b'source="gone.csv"', "gone.csv"),
     (b"fin_angle", b"fin_angel", "fin_angle"), (b'stopTime="0.35"', b"", "stopTime"),
@@ -360,31 +361,31 @@ def test_a_record_is_not_called_independent(tmp_path: Path, monkeypatch: pytest.
     (b'stepSize="0.001"', b'stepSize="0"', "step_and_load: its step is 0.0"),
     (b"\n0.1,0.174532925,", b"\n0.1,1e308,", "step_and_load_in.csv: column fin_command has 1e+308"),
     (b"</Experiment>", b"", "mismatch")])
-def test_unsound_references_inside_are_refused(custom: Path, tmp_path: Path, pattern: bytes, replacement: bytes,
-                                               said: str) -> None:
-    harmed = rewritten(custom, tmp_path / "harmed.fmu", lambda name, content: content.replace(pattern, replacement)
+def test_damaged_embedded_references_are_refused(custom: Path, tmp_path: Path, pattern: bytes, replacement: bytes,
+                                                 message: str) -> None:
+    damaged = rewritten(custom, tmp_path / "damaged.fmu", lambda name, content: content.replace(pattern, replacement)
                        if name.startswith("extra/") and not name.endswith("manifest.xml") else content)
-    done = emcas(harmed, "--case", "step_and_load")
+    done = emcas(damaged, "--case", "step_and_load")
     assert done.exit_code == 2, done.output
-    assert "harmed.fmu: the references inside cannot be read" in " ".join(done.stderr.split())
-    assert said in " ".join(done.stderr.split())
+    assert "damaged.fmu: the references inside cannot be read" in " ".join(done.stderr.split())
+    assert message in " ".join(done.stderr.split())
 
 
-def test_a_unit_that_is_off_the_references_inside_fails(custom: Path, tmp_path: Path) -> None:
+def test_an_fmu_that_differs_from_its_embedded_references_fails(custom: Path, tmp_path: Path) -> None:
     other = rewritten(custom, tmp_path / "other.fmu", lambda name, content: content.replace(b"0.1745", b"0.1746")
                       if name.endswith("_in.csv") else content)
     done, document = validated(tmp_path, other, "--case", "step_and_load")
     assert (done.exit_code, judged(document)) == (1, ["step_and_load"])
 
 
-def test_references_inside_are_asked_for_where_there_are_none(fmu: Path, tmp_path: Path) -> None:
+def test_inside_without_embedded_references_is_refused(fmu: Path, tmp_path: Path) -> None:
     bare = rewritten(fmu, tmp_path / "bare.fmu", lambda name, content: None if name.startswith("extra/") else content)
-    for arguments, said in (((bare, "--inside"), "bare.fmu: there are no references inside"),
+    for arguments, message in (((bare, "--inside"), "bare.fmu: there are no references inside"),
                             (("--inside",), "there are no references inside"),
                             ((fmu, "--inside", "--directory", REFERENCE), "give one of them")):
         done = emcas(*arguments)
         assert done.exit_code == 2, done.output
-        assert said in " ".join(done.stderr.split())
+        assert message in " ".join(done.stderr.split())
 
 
 def test_unknown_case_is_refused(fmu: Path) -> None:
@@ -395,7 +396,7 @@ def test_unknown_case_is_refused(fmu: Path) -> None:
 
 
 def rewritten(source: Path, target: Path, change: Callable[[str, bytes], bytes | None]) -> Path:
-    """A copy of an archive with entries changed, or left out where the change gives None."""
+    """Write a copy of an archive with changed entries, without those for which the change returns None."""
     with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
         for name in old.namelist():
             content = change(name, old.read(name))
@@ -404,7 +405,7 @@ def rewritten(source: Path, target: Path, change: Callable[[str, bytes], bytes |
     return target
 
 
-def test_what_is_no_fmu_is_refused(fmu: Path, tmp_path: Path) -> None:
+def test_files_that_are_no_fmu_of_this_kind_are_refused(fmu: Path, tmp_path: Path) -> None:
     absent, text = tmp_path / "absent.fmu", tmp_path / "text.fmu"
     text.write_text("not an archive", encoding="utf-8")
     empty = rewritten(fmu, tmp_path / "empty.fmu", lambda name, content: None)
@@ -413,15 +414,15 @@ def test_what_is_no_fmu_is_refused(fmu: Path, tmp_path: Path) -> None:
     renamed = rewritten(fmu, tmp_path / "renamed.fmu",
                         lambda name, content: content.replace(b'name="fin_rate"', b'name="finrate"')
                         if name == "modelDescription.xml" else content)
-    for path, said in ((absent, "no such file"), (text, "not a ZIP archive"), (empty, "not an FMU"),
+    for path, message in ((absent, "no such file"), (text, "not a ZIP archive"), (empty, "not an FMU"),
                        (foreign, "no binary for this platform"), (renamed, "fin_rate")):
         done = emcas(path, "--case", "step_plus1")
         assert done.exit_code == 2, (path, done.output)
         assert path.name in done.stderr
-        assert said in done.stderr.replace("\n", " ")
+        assert message in done.stderr.replace("\n", " ")
 
 
-def test_run_the_fmu_discards_is_a_failure_with_its_time_and_reason(fmu: Path) -> None:
+def test_a_discarded_step_stops_the_run_with_time_and_reason(fmu: Path) -> None:
     command = np.where(np.arange(201) > 99, np.nan, 0.1)
     with open_subject(fmu) as subject:
         run = subject.run(Excitation("nan", {"fin_command": command}), outputs=RECORDED)
@@ -429,7 +430,7 @@ def test_run_the_fmu_discards_is_a_failure_with_its_time_and_reason(fmu: Path) -
     assert run.stopped == pytest.approx(0.1)
     assert len(run.columns["time"]) == 101
     assert any("fin_command" in message for message in run.messages)
-    # What came before is kept, and the next run is not touched by it.
+    # The rows before are valid, and the next run does not depend on this one.
     assert good.stopped is None
     np.testing.assert_array_equal(run.columns["fin_angle"][:100], good.columns["fin_angle"][:100])
 
@@ -442,7 +443,7 @@ def test_binary_that_does_not_start_is_refused(fmu: Path, tmp_path: Path) -> Non
     assert "does not start" in done.stderr.replace("\n", " ")
 
 
-def test_early_end_fails_the_criterion(whole: Validation) -> None:
+def test_a_run_that_stops_early_fails_the_criterion(whole: Validation) -> None:
     excitation = whole.cases["step"].run.excitation
     columns = {name: column[:2] for name, column in whole.cases["step"].run.columns.items()}
     run = Run(excitation, columns, 0.1, ("error: too much",), 0.0)
@@ -476,7 +477,7 @@ def test_actuators_without_a_reference_are_judged_by_requirements(model: str, tm
     assert all(c["measured"] is not None or any(name in c["note"] for name in without)
                for c in document["criteria"] if "Table 2" in c["source"])
     assert document["notes"][0].startswith(f"There is no independent reference of {model}")
-    # The linear model is one of the thesis's actuator, with whatever options, and of no other.
+    # Only the thesis's actuator has a linear model, with any extensions.
     assert bool(document["comparisons"]) == model.startswith("nonlinear")
     page = files["report"].read_text(encoding="utf-8")
     assert "Only performance is judged" in page
@@ -487,25 +488,25 @@ def test_actuators_without_a_reference_are_judged_by_requirements(model: str, tm
     assert page.count("<svg") == (10 if document["comparisons"] else plain)
 
 
-@pytest.mark.parametrize(("model", "cases", "code", "passed", "says"), [
+@pytest.mark.parametrize(("model", "cases", "code", "passed", "message"), [
     ("second-order", ["step"], 0, None, "there is no reference of second-order to judge them by"),
     ("second-order", ["chirp_1deg"], 0, None, "there is no reference of second-order to judge them by"),
     ("nonlinear", ["step"], 0, True, "the one criterion is met"),
     ("nonlinear", ["step", "step_plus1"], 0, True, "all 2 criteria are met"),
     (DIRECT_DRIVE, ["cold"], 1, False, "nothing was judged")])
-def test_what_was_judged_is_counted(model: str, cases: list[str], code: int, passed: bool | None, says: str,
-                                    tmp_path: Path) -> None:
+def test_terminal_and_page_count_the_judged_criteria(model: str, cases: list[str], code: int,
+                                                     passed: bool | None, message: str, tmp_path: Path) -> None:
     files = {name: tmp_path / f"out.{KINDS[name]}" for name in ("json", "report")}
     done = emcas("--model", model, *(part for case in cases for part in ("--case", case)),
                  *(part for name, path in files.items() for part in (f"--{name}", path)))
     assert done.exit_code == code, done.output
-    assert says in " ".join(done.stdout.split())
+    assert message in " ".join(done.stdout.split())
     assert json.loads(files["json"].read_text(encoding="utf-8"))["passed"] is passed
-    assert says[1:] in files["report"].read_text(encoding="utf-8")
+    assert message[1:] in files["report"].read_text(encoding="utf-8")
     assert "0 of 0" not in done.stdout
 
 
-def test_of_a_users_actuator_nothing_is_said_that_is_the_thesiss(tmp_path: Path) -> None:
+def test_page_of_a_user_s_actuator_mentions_neither_thesis_nor_shipped_values(tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     cases = [part for case in ("step_plus20", "step_minus20", "sag") for part in ("--case", case)]
     done = emcas("--model", DIRECT_DRIVE, *cases, "--report", page)
@@ -518,14 +519,14 @@ def test_of_a_users_actuator_nothing_is_said_that_is_the_thesiss(tmp_path: Path)
 
 
 @pytest.mark.parametrize(("model", "of_thesis"), [("nonlinear", True), ("servo", False), ("second-order", False)])
-def test_only_the_actuator_of_the_thesis_is_said_to_meet_its_table(model: str, of_thesis: bool, tmp_path: Path) -> None:
+def test_only_the_page_of_the_thesis_actuator_mentions_its_table(model: str, of_thesis: bool, tmp_path: Path) -> None:
     write_report(validate(ParameterSubject(load_parameters(model=model)), ["step_plus5"]), tmp_path / "page.html")
     text = " ".join((tmp_path / "page.html").read_text(encoding="utf-8").split())
     for words in ("chosen so that the model meets Table 2", "the prototype of Yerlikaya", "Source of the model"):
         assert (words in text) is of_thesis, words
 
 
-def test_case_an_actuator_has_no_input_for_is_left_out_and_said() -> None:
+def test_a_case_without_its_input_is_left_out_with_a_note() -> None:
     subject = ParameterSubject(load_parameters(model="second-order"))
     subject.inputs = {name: v for name, v in subject.inputs.items() if name != "supply_voltage"}
     found = validate(subject, ["sag", "step_plus5"])
@@ -534,12 +535,12 @@ def test_case_an_actuator_has_no_input_for_is_left_out_and_said() -> None:
     assert found.cases["step_plus5"].judged.stopped is None
 
 
-def test_linear_model_that_has_no_such_bus_is_left_out_and_said() -> None:
+def test_comparison_with_the_linear_model_is_left_out_with_a_slow_bus() -> None:
     found = validate(ParameterSubject(load_parameters().with_values({"command.update_time": 5e-3})))
     assert not found.comparisons
     assert not found.linear_series
-    said = "The comparison with the linear model is left out: command.update_time = 0.005 s"
-    assert any(note.startswith(said) for note in found.notes)
+    message = "The comparison with the linear model is left out: command.update_time = 0.005 s"
+    assert any(note.startswith(message) for note in found.notes)
 
 
 @pytest.mark.slow
@@ -547,7 +548,7 @@ def test_linear_model_that_has_no_such_bus_is_left_out_and_said() -> None:
 def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
     found = validate(Play(half=1e-6, there=FIN_PORT))
     assert list(next(iter(found.cases.values())).errors) == ["fin_angle", "fin_rate"]
-    # A play follows at once: it is as accurate as can be, and no trajectory of the nonlinear actuator.
+    # A small play follows at once: it is very accurate, but its trajectories are not those of the nonlinear actuator.
     assert {j.name for j in found.judged if j.passed} >= {"range", "accuracy_20deg", "unloaded_rate", "loaded_rate"}
     assert not any(j.passed for j in found.trajectory)
     assert found.failed == [j for j in found.judged if not j.passed]
@@ -558,15 +559,15 @@ def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 10
     assert "current [A]" not in page
-    # Its bandwidth is beyond those looked for: a lower bound, and never a nan.
+    # Its bandwidth is above the measured range: the figure is a lower bound, not NaN.
     highest = BANDWIDTHS[1]
     of = {j.name: j for j in found.requirements}
     assert [(of[name].measured, of[name].beyond, of[name].passed) for name in ("bandwidth_1deg", "bandwidth_3p5deg")
             ] == [(highest, True, True)] * 2
     assert "&gt; 60 Hz" in page
-    said = summary_text(found)
-    assert re.search(r"bandwidth_1deg +│ +> 60 │ +>= 10 │ +> 50 │", said)
-    assert "nan" not in said
+    text = summary_text(found)
+    assert re.search(r"bandwidth_1deg +│ +> 60 │ +>= 10 │ +> 50 │", text)
+    assert "nan" not in text
     row = next(c for c in as_dict(found)["criteria"] if c["name"] == "bandwidth_1deg")
     assert (row["measured"], row["beyond"], row["passed"]) == (highest, True, True)
 
@@ -595,7 +596,7 @@ optional = true
 
 @pytest.mark.parametrize(("limit", "passed"), [("90", True), ("1", False)])
 def test_requirements_of_a_file_replace_the_shipped_ones(limit: str, passed: bool, tmp_path: Path) -> None:
-    """Terminal, JSON, JUnit and page have the same verdict; what is not judged counts neither way."""
+    """Terminal, JSON, JUnit and page have the same verdict; criteria that are not judged do not count."""
     (tmp_path / "mine.toml").write_text(MINE % limit, encoding="utf-8")
     done, document = validated(tmp_path, "--model", "second-order", "--requirements", tmp_path / "mine.toml",
                                "--junit", tmp_path / "out.xml", "--report", tmp_path / "out.html")
@@ -612,7 +613,7 @@ def test_requirements_of_a_file_replace_the_shipped_ones(limit: str, passed: boo
     assert "not judged" in page
 
 
-def test_a_case_and_requirements_are_not_given_together(tmp_path: Path) -> None:
+def test_case_and_requirements_together_are_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(MINE % 90, encoding="utf-8")
     done = emcas("--case", "step", "--requirements", tmp_path / "mine.toml")
     assert done.exit_code == 2
