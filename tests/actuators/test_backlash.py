@@ -130,15 +130,16 @@ def test_limit_cycle_needs_gap_and_integral_or_gain() -> None:
     loops = {**THESIS_LOOPS, "encoder.enabled": False, "friction.fin_viscous": 5.0}
     gain = THESIS_LOOPS["controller.position.kp"]
 
-    def width(gap: float, share: float, on_fin: bool = True, dry: float = 0.0, **changes: float) -> float:
+    def width(gap: float, share: float, on_fin: bool = True, dry: float = 0.0,
+              ki: float = THESIS_LOOPS["controller.position.ki"]) -> float:
         run = run_of({**loops, "drive_line.backlash": gap, "controller.position.kp": share * gain,
-                      "encoder.on_fin": on_fin, "friction.fin_coulomb": dry, **changes}, 20.0,
+                      "encoder.on_fin": on_fin, "friction.fin_coulomb": dry, "controller.position.ki": ki}, 20.0,
                      fin_command=lambda t: 0.02 if t > 0.05 else 0.0)
         return float(np.degrees(np.ptp(run["fin_angle"][17000:])))
 
     assert width(0.0, 2.0) < 1e-3
     assert width(1e-4, 2.0, on_fin=False) < 1e-3
-    assert width(1e-4, 1.0, **{"controller.position.ki": 0.0}) < 1e-3
+    assert width(1e-4, 1.0, ki=0.0) < 1e-3
     assert width(1e-4, 1.0, dry=values_of()["friction.fin_coulomb"]) < 1e-3
     assert width(1e-4, 1.0) > 2e-2
     small, large = width(1e-4, 2.0), width(2e-4, 2.0)

@@ -148,7 +148,8 @@ def test_a_jam_holds_the_fin_at_any_roll_acceleration() -> None:
 
 def test_rotation_acts_on_each_fin_by_its_azimuth() -> None:
     """Each of four fins moves as alone, to the bit; opposite fins have opposite moments of the pitch acceleration."""
-    sets = [values_of(**{"mounting.azimuth": radians(90.0 * k), "mounting.station": -2.0}) for k in range(4)]
+    sets = [values_of("nonlinear", **{"mounting.azimuth": radians(90.0 * k), "mounting.station": -2.0})
+            for k in range(4)]
     motion = {"angular_rate.x": 30.0, "angular_acceleration.y": 80.0}
     fins = simulate_fins(sets, 0.1, **arguments({**motion, "fin_command": 0.05}))
     for k, values in enumerate(sets, 1):
