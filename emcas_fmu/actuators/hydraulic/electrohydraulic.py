@@ -186,8 +186,8 @@ ACTUATOR = Actuator(
     **COMPOSITION.declared(hydraulics="cylinder and valve"),
     name="electrohydraulic",
     title="electrohydraulic actuator: pressure line, servovalve, cylinder, lever and fin",
-    origin="Section 1.1.3 of the thesis of Yerlikaya (2016) describes the structure, without numbers: every value is "
-           "an engineering estimate.",
+    origin="Section 1.1.3 of the thesis of Yerlikaya (2016) describes the structure, without numbers. Entries are "
+           "engineering estimates where their source says so.",
     controllers_read=(),
     reference_output="valve_reference",
     states=(*FIN, *interface.CHAMBERS, *VALVE),

@@ -42,7 +42,8 @@ _ROUNDING = 1e-9  # V: a smaller part of the reference beyond a limit is roundin
 _LOOPS = Group(
     only(nonlinear.COMPOSITION.parameters, "drive.current_", "drive.k", "drive.reference_limit",
          "controller.velocity.kp", "controller.speed_limit"), groups.CURRENT_LOOP.outputs, provides=(
-        capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.REFERENCE_LIMIT, capabilities.CASCADE))
+        capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.REFERENCE_LIMIT, capabilities.CASCADE),
+    imperfections=groups.CURRENT_LIMIT.imperfections)
 _PUMP = Group((
     parameter("pump.displacement", "m3/rad", 1e-10, 1e-3, "displacement of the pump per radian, D_p",
               sheet="pump: displacement per revolution"),
@@ -226,8 +227,9 @@ ACTUATOR = replace(
          plausibility.plausible_winding(lambda p: p.inertia.motor)), motor="motor and drive", hydraulics="cylinder"),
     name="electrohydrostatic",
     title="electrohydrostatic actuator: servomotor, pump, cylinder, lever and fin",
-    origin="Section 1.1.2 of the thesis of Yerlikaya (2016) describes the structure, without numbers: motor, drive and "
-           "supply are those of the electromechanical actuator, all other values are engineering estimates.",
+    origin="Section 1.1.2 of the thesis of Yerlikaya (2016) describes the structure, without numbers. Motor, drive and "
+           "supply are those of the default actuator, with the pump's inertia on the motor; the gains are tuned. Other "
+           "entries are engineering estimates where their source says so.",
     states=(*FIN, *interface.CHAMBERS, State("motor_speed", "rad/s"), *electromechanical.DRIVE),
     controller_states=interface.CONTROLLER,
     encoder=("fin_angle", "fin_rate"),
