@@ -154,6 +154,11 @@ ACTUATOR = replace(
     **COMPOSITION.declared((*plausibility.RULES, stiff_hinge)),
     name="elastic",
     title="nonlinear electromechanical actuator with elastic drive line and backlash",
+    origin="The rigid model is that of Ü. Yerlikaya, Dynamic modeling and control of an electromechanical control "
+           "actuation system, M.S. thesis, METU, 2016; numbers in brackets are its equations. The separate motions of "
+           "rotor and fin, compliance and backlash between them are additions. The compliances of the rod are computed "
+           "from Table 1 of the thesis; other numbers of the drive line, and those that the thesis does not "
+           "contain, are engineering estimates, marked as such, not measurements of the thesis's prototype.",
     states=STATES,
     fin_side=FIN_SIDE,
     structure=Structure(drive_line=True),

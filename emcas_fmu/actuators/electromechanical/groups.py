@@ -180,9 +180,9 @@ SERVO = (MOTOR, CURRENT, POWER, VOLTAGE_LIMIT, INDUCTANCE, DELAY, CURRENT_GAIN, 
          COMPENSATION, POLE_PAIRS, PHASES)
 
 
-def with_screw(screw: Group) -> tuple[Group, ...]:
+def with_screw(screw: Group, hinge: Group = HINGE) -> tuple[Group, ...]:
     """Return the groups of a screw with lever, of friction and hinge, and of loops and encoder."""
-    return LEVER, COULOMB, ENCODER, screw, *LOOPS, VISCOUS, HINGE, HINGE_FRICTION
+    return LEVER, COULOMB, ENCODER, screw, *LOOPS, VISCOUS, hinge, HINGE_FRICTION
 
 
 def with_gear(gear: Group, fork: str, shaft: Group = SHAFT) -> tuple[Group, ...]:

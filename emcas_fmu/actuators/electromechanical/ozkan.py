@@ -21,8 +21,9 @@ from . import elastic, groups, interface, nonlinear, plausibility
 # Smallest compliance [rad/(N.m)] of the shaft, 6e-6 deg at the fin under the motor's full torque: the equations of a
 # rigid shaft do not cover an ideal current loop.
 _LEAST_COMPLIANCE = 1e-6
+_HINGE = groups.HINGE.reworded({"DAC, current or voltage": "DAC or current"})
 COMPOSITION = interface.composed(
-    elastic.moment, *groups.with_screw(elastic.SCREW), elastic.SHAFT, groups.MOTOR, groups.CURRENT, groups.POWER,
+    elastic.moment, *groups.with_screw(groups.SCREW, _HINGE), elastic.SHAFT, groups.MOTOR, groups.CURRENT, groups.POWER,
     groups.DELAY, groups.CURRENT_GAIN, groups.CURRENT_LIMIT, groups.COMPENSATION, elastic.TORSIONAL)
 
 
@@ -39,6 +40,9 @@ ACTUATOR = COMPOSITION.over(
     elastic.ACTUATOR, _ozkan, plausibility.RULES_WITHOUT_WINDING,
     name="ozkan",
     title="electromechanical actuator after Ozkan: ideal current loop, flexible motor shaft, constant ratio",
+    origin="Section 1.1.1.1 of the thesis of Yerlikaya (2016) describes this structure, after Ozkan, without numbers; "
+           "nothing is from that author's own work. Motor, screw, fin and loops are those of the default actuator. "
+           "Other entries are engineering estimates where their source says so.",
     supply=Supply(interface.SUPPLY_VOLTAGE, interface.SUPPLY_POWER),
     descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; has no effect"},
     without_effect=frozenset({"supply_voltage"}),

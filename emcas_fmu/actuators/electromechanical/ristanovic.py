@@ -71,6 +71,10 @@ ACTUATOR = COMPOSITION.over(
     (plausibility.matched_inertia, plausibility.fine_counts, plausibility.WINDING_RULE),
     name="ristanovic",
     title="DC motor under PWM without current loop, torsion-bar load, constant ratio (after Ristanovic et al. 2012)",
+    origin="The structure is that of Ristanovic, Cojbasic and Lazic, Intelligent control of DC motor driven "
+           "electromechanical fin actuator, Control Engineering Practice 20 (6), 610-617, 2012; that it has no "
+           "back-EMF is from section 1.1.1.1 of the thesis of Yerlikaya (2016). The paper's numbers are not used: "
+           "motor, screw, fin, friction and encoder are those of the default actuator, the gains are set by trial.",
     supply_rules=plausibility.SUPPLY_RULES[:1],
     equal_parameters=(),
     structure=Structure(constant_ratio=True, current="pwm", torsion_bar=True),
