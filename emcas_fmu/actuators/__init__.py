@@ -164,11 +164,15 @@ def _extended(actuator: Actuator, extension: Extension, name: str) -> Actuator:
     return extension.over(actuator)
 
 
-def require(name: str, purpose: str, *needs: str, actuator: Actuator | None = None) -> None:
-    """Raise EmcasError, with the actuators that qualify, if actuator `name` lacks a capability that `purpose` needs."""
+def require(name: str, purpose: str, *needs: str, actuator: Actuator | None = None, extension: str = "") -> None:
+    """Raise EmcasError, with the actuators that qualify, if actuator `name` lacks a capability that `purpose` needs.
+
+    If `purpose` also needs an `extension`, the error names these actuators with it.
+    """
     chosen = get(name) if actuator is None else actuator
     if missing := [need for need in needs if need not in chosen.provides]:
-        having = [each for each in NAMES if get(each).provides.issuperset(needs)]
+        having = [_SEPARATOR.join(filter(None, (each, extension))) for each in NAMES
+                  if get(each).provides.issuperset(needs)]
         shown, remedy = missing[:1], f"{chosen.name} has none; choose"
         if not is_shipped(name):  # a user can add all of them
             shown, remedy = missing, f"let {chosen.name} provide {_to_declare(chosen, missing)}, or choose"

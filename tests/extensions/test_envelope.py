@@ -223,8 +223,9 @@ def test_refusals() -> None:
                             (["--duration", "1e300 s"], "--duration 1e+300 s: must be from"),
                             (["--duration", "1e-9 s"], "must be from"), (["--duration", "inf s"], "--duration inf s"),
                             (["--model", "linear+heat"],
-                             "an envelope needs a limit of the motor current; linear+heat has none; choose nonlinear, "
-                             "elastic, habibi, worm-gear, worm-gear-elastic or series-clutch"),
+                             "an envelope needs a limit of the motor current; linear+heat has none; choose "
+                             "nonlinear+heat, elastic+heat, habibi+heat, worm-gear+heat, worm-gear-elastic+heat or "
+                             "series-clutch+heat"),
                             (["--model", "ristanovic+heat+faults"],
                              "an envelope needs a limit of the motor current; ristanovic+heat+faults has none"),
                             (["--model", "ozkan+heat"],

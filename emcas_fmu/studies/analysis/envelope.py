@@ -117,7 +117,7 @@ def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) ->
     `preload` is a share [1] of the continuous current. Raises EmcasError for an actuator without extension heat or
     NEEDS, and for values outside their limits.
     """
-    require(parameters.model, "an envelope", *NEEDS)
+    require(parameters.model, "an envelope", *NEEDS, extension="heat")
     if "heat" not in parts(parameters.model)[1]:
         raise EmcasError(f"model {parameters.model}: an envelope needs the extension heat: {parameters.model}+heat")
     p = parameters.actuator.equation_parameters(FLOATS, parameters.nested())
