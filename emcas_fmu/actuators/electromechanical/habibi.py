@@ -22,7 +22,7 @@ ACTUATOR = COMPOSITION.over(
     title="electromechanical actuator after Habibi: cascaded loops, constant ratio, backlash",
     origin="Section 1.1.1.1 of the thesis of Yerlikaya (2016) describes this structure, after Habibi, Roach and "
            "Luecke, without numbers; nothing is from these authors' papers. Motor, drive, screw, fin and loops are "
-           "those of the default actuator. Gap and flanks are engineering estimates.",
+           "those of the default actuator. Entries are engineering estimates where their source says so.",
     structure=Structure(constant_ratio=True, drive_line=True),
     modules=(sys.modules[__name__], *elastic.ACTUATOR.modules),
 )

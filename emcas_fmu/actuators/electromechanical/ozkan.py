@@ -42,7 +42,7 @@ ACTUATOR = COMPOSITION.over(
     title="electromechanical actuator after Ozkan: ideal current loop, flexible motor shaft, constant ratio",
     origin="Section 1.1.1.1 of the thesis of Yerlikaya (2016) describes this structure, after Ozkan, without numbers; "
            "nothing is from that author's own work. Motor, screw, fin and loops are those of the default actuator. "
-           "Other entries are engineering estimates where their source says so.",
+           "Entries are engineering estimates where their source says so.",
     supply=Supply(interface.SUPPLY_VOLTAGE, interface.SUPPLY_POWER),
     descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; has no effect"},
     without_effect=frozenset({"supply_voltage"}),

@@ -74,7 +74,8 @@ ACTUATOR = COMPOSITION.over(
     origin="The structure is that of Ristanovic, Cojbasic and Lazic, Intelligent control of DC motor driven "
            "electromechanical fin actuator, Control Engineering Practice 20 (6), 610-617, 2012; that it has no "
            "back-EMF is from section 1.1.1.1 of the thesis of Yerlikaya (2016). The paper's numbers are not used: "
-           "motor, screw, fin, friction and encoder are those of the default actuator, the gains are set by trial.",
+           "motor, screw, fin, friction and encoder are those of the default actuator, the gains are set by trial. "
+           "Entries are engineering estimates where their source says so.",
     supply_rules=plausibility.SUPPLY_RULES[:1],
     equal_parameters=(),
     structure=Structure(constant_ratio=True, current="pwm", torsion_bar=True),

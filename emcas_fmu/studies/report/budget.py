@@ -211,4 +211,5 @@ def _limitations(rig: Rig, own: Sequence[Term]) -> Iterator[str]:
     if missing := [name for name in known if name not in {term.label for term in own}]:
         yield f"Not in the budget, as this article has none: {', '.join(missing)}."
     if unknown := [name for name in rig.subject.actuator.nominal if name not in bounds]:
-        yield f"Not in the budget, as {tolerances(rig)[1]} has no tolerance of {', '.join(unknown)}."
+        file = tolerances(rig)[1] or "models/tuning"
+        yield f"Not in the budget, as {file} has no tolerance of {', '.join(unknown)}."
