@@ -1,7 +1,8 @@
-"""FMUs of one parameter set from both back ends, and those that tests need only to run."""
+"""Build FMUs that a test only runs: without pictures and references, unoptimised."""
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -12,54 +13,55 @@ import pytest
 from emcas_fmu.fmi import figures, python
 from emcas_fmu.fmi.fmi2.slave import Slave
 from emcas_fmu.fmi.interface import FmuInterface, start_values
-from emcas_fmu.fmi.package import build
+from emcas_fmu.fmi.package import BACKENDS, build
 from emcas_fmu.parameters import ParameterSet
 from emcas_fmu.runtime import codegen, compiler
 from emcas_fmu.trace.python_source import python_source
 
+from .host import Fmu
+
 
 def both(parameters: ParameterSet, folder: Path, fins: int = 1) -> Mapping[str, Path]:
-    """Their files by back end, the native one lean; without references and pictures, which take long."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(figures, "response_pictures", lambda _: ())
-        python_unit = build(parameters, folder / "python.fmu", "python", fins=fins, references=False).path
-    return {"python": python_unit, "native": lean(parameters, folder / "native.fmu", fins=fins)}
+    """Return lean FMUs by back end."""
+    return {backend: lean(parameters, folder / f"{backend}.fmu", backend, fins=fins) for backend in BACKENDS}
 
 
-def lean(parameters: ParameterSet, path: Path, **options: Any) -> Path:
-    """Its native file for this platform with no more than a run needs: not optimised, no pictures, no references.
+def lean(parameters: ParameterSet, path: Path, backend: str = "native", **options: Any) -> Path:
+    """Return an FMU for this platform without pictures and references.
 
-    The bits of its results are those of an optimised one.
+    A native one is compiled without optimisation; its results have the same bits.
     """
+    local = compiler.local_platform()
+    assert local is not None
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-O0"))
         patch.setattr(figures, "response_pictures", lambda _: ())
-        return build(parameters, path, "native", _local(), references=False, **options).path
+        return build(parameters, path, backend, [local.name] if backend == "native" else None, references=False,
+                     **options).path
 
 
-def _local() -> list[str]:
-    local = compiler.local_platform()
-    assert local is not None
-    return [local.name]
+def unpacked(path: Path, folder: Path) -> Fmu:
+    """Return the FMU unpacked in the folder, with its library loaded."""
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(folder)
+    return Fmu(str(folder))
 
 
 @cache
-def _programs(unit: FmuInterface) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
-    """Its kernel, its checks and those of its line, run as the unit's modules."""
+def _programs(interface: FmuInterface) -> dict[str, Any]:
+    """Return the functions `make` of the modules in a Python FMU: kernel, parameter checks, checks of the supply."""
     kernel: dict[str, Any] = {}
     checks: dict[str, Any] = {}
     line_checks: dict[str, Any] = {"make": None}
-    exec(codegen.source(unit.fins > 1, unit.kind, unit.spelt), kernel)
-    exec(python_source(codegen.traced_rules(unit.kind), "Rules", unit.spelt), checks)
-    if unit.line and unit.line.rules:
-        exec(python_source(codegen.traced_line_rules(unit.kind), "Rules", unit.spelt), line_checks)
-    return kernel, checks, line_checks
+    exec(codegen.source(interface.fins > 1, interface.kind, interface.spelt), kernel)
+    exec(python_source(codegen.traced_rules(interface.kind), "Rules", interface.spelt), checks)
+    if interface.line and interface.line.rules:
+        exec(python_source(codegen.traced_line_rules(interface.kind), "Rules", interface.spelt), line_checks)
+    return {"make": staticmethod(kernel["make"]), "make_checks": staticmethod(checks["make"]),
+            "make_line_checks": staticmethod(line_checks["make"])}
 
 
-def slave_class(unit: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> type[Slave]:
-    """The Python unit's class in this process, on the package's own modules; `sets` are the fins' values."""
-    kernel, checks, line_checks = _programs(unit)
+def slave_class(interface: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> type[Slave]:
+    """Return the class of a Python FMU, run in this process; `sets` has the parameter values of each fin."""
     return type("Local", (Slave,), {
-        "make": staticmethod(kernel["make"]), "make_checks": staticmethod(checks["make"]),
-        "make_line_checks": staticmethod(line_checks["make"]),
-        **python.slave_attributes(unit, start_values(unit, sets), "{guid}")})
+        **_programs(interface), **python.slave_attributes(interface, start_values(interface, sets), "{guid}")})

@@ -1,6 +1,6 @@
-"""A minimal host of FMI 2.0 and 3.0 on ctypes: standard library only, so that it runs where nothing is installed.
+"""A minimal host for FMI 2.0 and 3.0, with ctypes and the standard library only.
 
-An array of FMI 3.0 is read and written by its elements, under the names that they have in FMI 2.0.
+It reads and writes the elements of an FMI 3.0 array under their names in FMI 2.0.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 _CTYPES: dict[str, Any] = {
     "Real": ct.c_double, "Integer": ct.c_int, "Boolean": ct.c_int,
     "Float64": ct.c_double, "Int32": ct.c_int32, "UInt32": ct.c_uint32, "Int64": ct.c_int64}
-_GOT_AS = {"Enumeration": "Integer"}
-_GOT_AS_3 = {"Enumeration": "Int64"}
+_TYPES = {"Enumeration": "Integer"}
+_TYPES_3 = {"Enumeration": "Int64"}
 _LOGGER = ct.CFUNCTYPE(None, ct.c_void_p, ct.c_char_p, ct.c_int, ct.c_char_p, ct.c_char_p)
 _LOGGER_3 = ct.CFUNCTYPE(None, ct.c_void_p, ct.c_int, ct.c_char_p, ct.c_char_p)
 
@@ -35,8 +35,8 @@ class Fmu:
         self.folder = pathlib.Path(folder)
         root = ET.parse(self.folder / "modelDescription.xml").getroot()
         self.version = root.attrib["fmiVersion"]
-        self.elements: dict[str, tuple[int, int]] = {}  # of an array: place, and how many there are
-        self.arrays: dict[str, tuple[str, int, int]] = {}  # kind, reference, number of elements
+        self.elements: dict[str, tuple[int, int]] = {}  # index in an array, and the array's number of elements
+        self.arrays: dict[str, tuple[str, int, int]] = {}  # type, value reference, number of elements
         self.references: dict[str, int] = {}
         self.kinds: dict[str, str] = {}
         self.outputs: list[str] = []
@@ -55,7 +55,7 @@ class Fmu:
         for v in root.findall("ModelVariables/ScalarVariable"):
             name = v.attrib["name"]
             self.references[name] = int(v.attrib["valueReference"])
-            self.kinds[name] = _GOT_AS.get(v[0].tag, v[0].tag)
+            self.kinds[name] = _TYPES.get(v[0].tag, v[0].tag)
             if v.attrib["causality"] == "output":
                 self.outputs.append(name)
 
@@ -64,21 +64,21 @@ class Fmu:
         for v in root.find("ModelVariables") or ():
             sizes = [int(d.attrib["start"]) for d in v.findall("Dimension")]
             names = [v.attrib["name"]]
-            self.arrays[names[0]] = (_GOT_AS_3.get(v.tag, v.tag), int(v.attrib["valueReference"]), math.prod(sizes))
+            self.arrays[names[0]] = (_TYPES_3.get(v.tag, v.tag), int(v.attrib["valueReference"]), math.prod(sizes))
             if names[0].startswith("fins."):
                 names = [names[0].replace("fins.", f"fin[{fin + 1}].", 1) for fin in range(sizes.pop(0))]
             if sizes:
                 names = [f"{name}[{k}]" for name in names for k in range(sizes[0])]
             for k, name in enumerate(names):
                 self.references[name] = int(v.attrib["valueReference"])
-                self.kinds[name] = _GOT_AS_3.get(v.tag, v.tag)
+                self.kinds[name] = _TYPES_3.get(v.tag, v.tag)
                 self.elements[name] = k, len(names)
                 if v.attrib["causality"] == "output":
                     self.outputs.append(name)
 
 
 class Instance:
-    """An instance; every call gives its FMI status, `log` collects (status, message)."""
+    """An FMU's instance: every call returns its FMI status, `log` collects (status, message)."""
 
     def __new__(cls, fmu: Fmu, *_: Any, **__: Any) -> Instance:
         return super().__new__(Instance if fmu.version == "2.0" else Instance3)
@@ -94,7 +94,7 @@ class Instance:
             ct.byref(self._callbacks), 0, int(logging)))
 
     def call(self, function: str, *arguments: Any) -> int:
-        """Call a function by FMI 2.0's name without its prefix."""
+        """Call a function by its name in FMI 2.0 without prefix."""
         status: int = getattr(self.fmu.library, f"fmi2{function}")(self.component, *arguments)
         return status
 
@@ -114,7 +114,7 @@ class Instance:
         return self.call("DoStep", ct.c_double(time), ct.c_double(size), 1)
 
     def run(self, begin: float, end: float, size: float, **inputs: Any) -> int:
-        """Steps with the inputs held; the worst status."""
+        """Step with constant inputs, and return the worst status."""
         worst = max((self.set(name, value) for name, value in inputs.items()), default=OK)
         for k in range(round((end - begin) / size)):
             worst = max(worst, self.step(begin + k * size, size))
@@ -149,17 +149,16 @@ class Instance:
         return value
 
     def differentiate(self, name: str, order: int, value: float) -> int:
-        """fmi2SetRealInputDerivatives of one variable."""
+        """Set one input's derivative."""
         return self.call("SetRealInputDerivatives", (ct.c_uint * 1)(self.fmu.references[name]), ct.c_size_t(1),
                          (ct.c_int * 1)(order), (ct.c_double * 1)(value))
 
-    def status(self, kind: str, which: int) -> tuple[int, Any]:
-        """fmi2Get<kind>Status: status of the call and the value."""
+    def status(self, kind: str, status_kind: int) -> tuple[int, Any]:
+        """Return the status of fmi2Get<kind>Status, and the value."""
         value = _CTYPES[kind](-1)
-        return self.call(f"Get{kind}Status", which, ct.byref(value)), value.value
+        return self.call(f"Get{kind}Status", status_kind, ct.byref(value)), value.value
 
     def debug(self, on: bool, categories: Sequence[str]) -> int:
-        """fmi2SetDebugLogging."""
         names = (ct.c_char_p * len(categories))(*(c.encode() for c in categories))
         return self.call("SetDebugLogging", int(on), ct.c_size_t(len(categories)), names)
 
@@ -179,7 +178,7 @@ class Instance:
         return data.raw
 
     def restore(self, data: bytes) -> int:
-        """Deserialize and set; the worst status."""
+        """Deserialize and set a state, and return the worst status."""
         state = ct.c_void_p()
         buffer = (ct.c_char * len(data)).from_buffer_copy(data)
         status = self.call("DeSerializeFMUstate", buffer, ct.c_size_t(len(data)), ct.byref(state))
@@ -192,11 +191,11 @@ class Instance:
         self.fmu.library.fmi2FreeInstance(self.component)
 
     def messages(self, status: int) -> str:
-        return "\n".join(message for found, message in self.log if found == status)
+        return "\n".join(message for its_status, message in self.log if its_status == status)
 
 
 class Instance3(Instance):
-    """An instance of FMI 3.0; `event_mode` and `early_return` as at its instantiation."""
+    """An instance of an FMI 3.0 FMU."""
 
     def __init__(self, fmu: Fmu, name: str = "fin", guid: str | None = None, logging: bool = True, kind: int = 1,
                  event_mode: bool = False, early_return: bool = False) -> None:
@@ -207,13 +206,13 @@ class Instance3(Instance):
         self._stop: float | None = None
         identity = (name.encode(), (guid or fmu.guid).encode(), None, ct.c_bool(False), ct.c_bool(logging))
         if kind == 0:
-            made = fmu.library.fmi3InstantiateModelExchange(*identity, None, self._logger)
+            pointer = fmu.library.fmi3InstantiateModelExchange(*identity, None, self._logger)
         else:
-            made = fmu.library.fmi3InstantiateCoSimulation(
+            pointer = fmu.library.fmi3InstantiateCoSimulation(
                 *identity, ct.c_bool(event_mode), ct.c_bool(early_return), None, ct.c_size_t(0), None, self._logger,
                 None)
-        self.component = ct.c_void_p(made)
-        self.event_needed, self.returned_early, self.reached = False, False, 0.0  # by the last step
+        self.component = ct.c_void_p(pointer)
+        self.event_needed, self.returned_early, self.reached = False, False, 0.0  # results of the last step
 
     def call(self, function: str, *arguments: Any) -> int:
         name = function.replace("FMUstate", "FMUState").replace("DeSerialize", "Deserialize")
@@ -236,7 +235,7 @@ class Instance3(Instance):
         return status
 
     def update(self) -> int:
-        """fmi3UpdateDiscreteStates: the status, and that of a unit which wants to be updated no more."""
+        """Return the status of fmi3UpdateDiscreteStates, which must request nothing more."""
         flags = [ct.c_bool(True) for _ in range(5)]
         status = self.call("UpdateDiscreteStates", *map(ct.byref, flags), ct.byref(ct.c_double()))
         assert not any(flag.value for flag in flags)
@@ -266,7 +265,7 @@ class Instance3(Instance):
         return self.set_vr(kind, reference, values)
 
     def get_elements(self, kind: str, reference: int, count: int) -> tuple[int, list[Any]]:
-        """The values of an array."""
+        """Return the status, and the values of an array."""
         ctype, kind = self._typed(kind)
         values = (ctype * count)()
         status = self.call(f"Get{kind}", (ct.c_uint * 1)(reference), ct.c_size_t(1), values, ct.c_size_t(count))

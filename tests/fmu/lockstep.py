@@ -1,4 +1,4 @@
-"""Four fins in Python and in C under the same inputs, step by step."""
+"""Run four fins in the Python and the native FMU with the same inputs, and compare step by step."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .host import OK, Fmu, Instance
 
 
 class Lockstep:
-    """Both units of a model, initialized with some values; `unit` is the native one."""
+    """A model's Python and native FMU, both initialized with the same values; `unit` is the native instance."""
 
     def __init__(self, model: str, native: Fmu, values: Mapping[str, float]) -> None:
         self._four = FmuInterface(4, model)
@@ -36,19 +36,19 @@ class Lockstep:
         self._python.set_real([self._four.reference[name]], [value])
         assert self.unit.set(name, value) == OK
 
-    def run(self, times: int, supply: str, least: float, most: float) -> Iterator[None]:
-        """Step with changing commands and supply, twice from each state, which is restored; yield after each way.
+    def run(self, changes: int, supply: str, least: float, most: float) -> Iterator[None]:
+        """Step with changing commands and supply, and assert that the outputs have the same bits.
 
-        The outputs are the same to the bit.
+        The states are restored once, so that both step sizes begin at the same state; yield after each step size.
         """
-        for _ in range(times):
+        for _ in range(changes):
             self._put(f"fin[{self._rng.integers(1, 5)}].fin_command", self._rng.uniform(-0.4, 0.4))
             self._put(supply, self._rng.uniform(least, most))
-            python, unit, here = self._python._get_fmu_state(), self.unit.serialize(self.unit.save()), self._time
+            python, unit, begin = self._python._get_fmu_state(), self.unit.serialize(self.unit.save()), self._time
             for size in (1e-3, 3.7e-4):
                 self._python._set_fmu_state(python)
                 assert self.unit.restore(unit) == OK
-                self._time = here
+                self._time = begin
                 for _ in range(8):
                     assert self._python.do_step(self._time, size)
                     assert self.unit.step(self._time, size) == OK

@@ -1,6 +1,6 @@
-"""What a host may do to the FMU, each scenario in a separate process: `python scenarios.py NAME FOLDER`.
+"""Sequences of calls that a host may make to the FMU: `python scenarios.py NAME FOLDER` runs one in its own process.
 
-Standard library only. A scenario gives JSON-able findings, judged by the test that ran it.
+Standard library only. A scenario returns results for JSON; `test_fmu.py` judges them.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from typing import Any
 from host import DISCARD, ERROR, OK, WARNING, Fmu, Instance  # type: ignore[import-not-found]
 
 COMMAND = {"fin_command": 0.2, "aero_torque": -20.0}
-BEGUN = 0.02
+WARM_UP = 0.02
 
 
 def started(fmu: Fmu, **values: Any) -> Instance:
-    """An instance that has run a while, all calls well."""
+    """Return an instance after a run of `WARM_UP` [s], in which every call has succeeded."""
     instance = Instance(fmu)
     assert instance.initialize(**values) == [OK] * (3 + len(values)), instance.log
-    assert instance.run(0.0, BEGUN, 1e-3, **COMMAND) == OK, instance.log
+    assert instance.run(0.0, WARM_UP, 1e-3, **COMMAND) == OK, instance.log
     return instance
 
 
 def plain_run(fmu: Fmu) -> Any:
     instance = started(fmu)
-    status = instance.run(BEGUN, 0.3, 1e-3)
+    status = instance.run(WARM_UP, 0.3, 1e-3)
     return {"status": status, "outputs": instance.outputs(), "log": instance.log,
             "modules": sorted({name.split(".")[0] for name in sys.modules})}
 
 
 def hostile_step(fmu: Fmu) -> Any:
-    """Bad steps and inputs: discarded with a reason, state unchanged, the run continues as if they had not occurred."""
+    """Bad steps and inputs are refused with a reason; then the run continues as if they had not occurred."""
     clean, instance = started(fmu), started(fmu)
     bystander = started(fmu)
     findings = {}
@@ -51,13 +51,13 @@ def hostile_step(fmu: Fmu) -> Any:
         findings[name] = {"status": status, "log": instance.messages(DISCARD) + instance.messages(ERROR),
                           "unchanged": instance.outputs() == before}
 
-    attempt("negative size", lambda: instance.step(BEGUN, -1e-3))
-    attempt("zero size", lambda: instance.step(BEGUN, 0.0))
-    attempt("nan size", lambda: instance.step(BEGUN, math.nan))
-    attempt("infinite size", lambda: instance.step(BEGUN, math.inf))
+    attempt("negative size", lambda: instance.step(WARM_UP, -1e-3))
+    attempt("zero size", lambda: instance.step(WARM_UP, 0.0))
+    attempt("nan size", lambda: instance.step(WARM_UP, math.nan))
+    attempt("infinite size", lambda: instance.step(WARM_UP, math.inf))
     attempt("nan time", lambda: instance.step(math.nan, 1e-3))
-    attempt("backwards", lambda: instance.step(BEGUN - 5e-3, 1e-3))
-    attempt("leap", lambda: instance.step(BEGUN + 5e-3, 1e-3))
+    attempt("backwards", lambda: instance.step(WARM_UP - 5e-3, 1e-3))
+    attempt("leap", lambda: instance.step(WARM_UP + 5e-3, 1e-3))
     for name in ("fin_command", "aero_torque", "acceleration.x", "attitude.pitch", "supply_voltage"):
         for bad in (math.nan, math.inf, -math.inf):
             good = instance.get(name)
@@ -65,27 +65,27 @@ def hostile_step(fmu: Fmu) -> Any:
             def bad_input(name: str = name, bad: float = bad, good: float = good) -> int:
                 instance.set(name, bad)
                 during = instance.outputs()
-                status: int = instance.step(BEGUN, 1e-3)
+                status: int = instance.step(WARM_UP, 1e-3)
                 assert instance.outputs() == during
                 assert all(math.isfinite(x) for x in during.values())
                 instance.set(name, good)
                 return status
 
             attempt(f"{name} {bad}", bad_input)
-    # Finite but absurd: followed to the stop or refused, never a non-finite output.
+    # With finite but absurd inputs the fin moves to its stop, or the step is refused; outputs remain finite.
     absurd = started(fmu)
     absurd.set("fin_command", 1e300)
     absurd.set("aero_torque", 1e300)
-    overflow = absurd.step(BEGUN, 1e-3)
+    absurd_status = absurd.step(WARM_UP, 1e-3)
     finite = all(math.isfinite(x) for x in absurd.outputs().values())
     for each in (clean, instance, bystander):
-        each.run(BEGUN, 0.1, 1e-3)
+        each.run(WARM_UP, 0.1, 1e-3)
     return {"findings": findings, "same": clean.outputs() == instance.outputs() == bystander.outputs(),
-            "absurd": [overflow, finite]}
+            "absurd": [absurd_status, finite]}
 
 
 def misuse(fmu: Fmu) -> Any:
-    """Unknown references, wrong types, writes to outputs and fixed parameters, and the two steps after each."""
+    """Each wrong call, e.g. a write to an output, is followed by two steps."""
     findings = {}
     actions: dict[str, Callable[[Instance], int]] = {
         "set unknown": lambda i: i.set_vr("Real", 100_000, 1.0),
@@ -104,23 +104,20 @@ def misuse(fmu: Fmu) -> Any:
         instance.log.clear()
         status = action(instance)
         log = instance.messages(ERROR)
-        first = instance.step(BEGUN, 1e-3)
-        second = instance.step(BEGUN + (1e-3 if first == OK else 0.0), 1e-3)
-        clean.run(BEGUN, BEGUN + 1e-3 * (2 - bool(first)), 1e-3)
+        first = instance.step(WARM_UP, 1e-3)
+        second = instance.step(WARM_UP + (1e-3 if first == OK else 0.0), 1e-3)
+        clean.run(WARM_UP, WARM_UP + 1e-3 * (2 - bool(first)), 1e-3)
         findings[name] = {"status": status, "log": log, "first": first, "second": second,
                           "same": clean.outputs() == instance.outputs()}
-    early = Instance(fmu)
-    early_status = early.step(0.0, 1e-3)
-    late = started(fmu)
+    early, late = Instance(fmu), started(fmu)
     late.call("Terminate")
-    findings_order = {"early": [early_status, early.messages(early_status)]}
-    late_status = late.step(BEGUN, 1e-3)
-    findings_order["late"] = [late_status, late.messages(late_status)]
-    return {"findings": findings, "order": findings_order}
+    early_status, late_status = early.step(0.0, 1e-3), late.step(WARM_UP, 1e-3)
+    return {"findings": findings, "order": {"early": [early_status, early.messages(early_status)],
+                                            "late": [late_status, late.messages(late_status)]}}
 
 
 def refused_parameters(fmu: Fmu) -> Any:
-    """Parameters out of range or without physical sense are refused with name, value and limit."""
+    """Initialize with parameters out of range or without physical sense, then again after a reset."""
     cases: dict[str, dict[str, Any]] = {
         "negative": {"motor__resistance": -1.0},
         "nan": {"kinematics__moment_arm": math.nan},
@@ -141,46 +138,44 @@ def refused_parameters(fmu: Fmu) -> Any:
         findings[name]["after reset"] = max(*instance.initialize(), instance.step(0.0, 1e-3))
         instance.free()
     tunable = started(fmu)
-    refused = tunable.set("controller.position.kp", -1.0) or tunable.step(BEGUN, 1e-3)
-    said = tunable.messages(refused)
+    status = tunable.set("controller.position.kp", -1.0) or tunable.step(WARM_UP, 1e-3)
+    message = tunable.messages(status)
     tunable.set("controller.position.kp", 50.0)
-    return {"findings": findings, "tunable": [refused, tunable.step(BEGUN, 1e-3), said]}
+    return {"findings": findings, "tunable": [status, tunable.step(WARM_UP, 1e-3), message]}
 
 
 def state(fmu: Fmu) -> Any:
-    """Saved, serialized and restored runs continue bit for bit, in this instance and in another."""
+    """Continue from a state after restoring it in its instance, in a running one and in a new one."""
     instance = started(fmu, friction__temperature=10.0)
     saved = instance.save()
     data = instance.serialize(saved)
 
-    def rest(i: Instance) -> list[Any]:
+    def continued(i: Instance) -> list[Any]:
         rows = [i.outputs()]
         i.set("controller.position.ki", 20.0)
         for k in range(100):
             i.set("fin_command", 0.2 if k < 50 else -0.3)
-            assert i.step(BEGUN + k * 0.7e-3, 0.7e-3) == OK, i.log
+            assert i.step(WARM_UP + k * 0.7e-3, 0.7e-3) == OK, i.log
             rows.append(i.outputs())
         return rows
 
-    straight = rest(instance)
+    uninterrupted = continued(instance)
     assert instance.call("SetFMUstate", saved) == OK
-    restored = rest(instance)
-    other = started(fmu)
-    assert other.restore(data) == OK
-    transplanted = rest(other)
-    fresh = Instance(fmu)
-    assert fresh.restore(data) == OK
-    into_fresh = rest(fresh)
+    restored = continued(instance)
+    other, fresh = started(fmu), Instance(fmu)
+    assert other.restore(data) == fresh.restore(data) == OK
+    transplanted, into_fresh = continued(other), continued(fresh)
     middle = instance.save()
-    tail = [instance.step(BEGUN + 0.07, 0.33e-3), instance.outputs()]
+    tail = [instance.step(WARM_UP + 0.07, 0.33e-3), instance.outputs()]
     instance.call("SetFMUstate", middle)
-    inside_tick = tail == [instance.step(BEGUN + 0.07, 0.33e-3), instance.outputs()]
-    return {"restored": restored == straight, "transplanted": transplanted == straight,
-            "fresh": into_fresh == straight, "inside tick": inside_tick, "moved": straight[-1] != straight[0]}
+    inside_tick = tail == [instance.step(WARM_UP + 0.07, 0.33e-3), instance.outputs()]
+    return {"restored": restored == uninterrupted, "transplanted": transplanted == uninterrupted,
+            "fresh": into_fresh == uninterrupted, "inside tick": inside_tick,
+            "moved": uninterrupted[-1] != uninterrupted[0]}
 
 
 def corrupt_state(fmu: Fmu) -> Any:
-    """Serialized bytes damaged anywhere, or of another FMU, are refused; the instance runs on."""
+    """Restore serialized states that are damaged or from another FMU, then run on."""
     instance, clean = started(fmu), started(fmu)
     data = instance.serialize(instance.save())
     damaged = [data[:i] + bytes([data[i] ^ 0x15]) + data[i + 1:] for i in range(0, len(data), 7)]
@@ -189,56 +184,56 @@ def corrupt_state(fmu: Fmu) -> Any:
     for bytes_ in damaged:
         instance.log.clear()
         status = instance.restore(bytes_)
-        if status == OK:  # the Python unit cannot say no there
-            status = instance.step(BEGUN, 1e-3)
+        if status == OK:  # the Python FMU can refuse only a step
+            status = instance.step(WARM_UP, 1e-3)
         refused += "FMU state refused" in instance.messages(ERROR) and status in (DISCARD, ERROR)
-    instance.run(BEGUN, 0.1, 1e-3)
-    clean.run(BEGUN, 0.1, 1e-3)
+    instance.run(WARM_UP, 0.1, 1e-3)
+    clean.run(WARM_UP, 0.1, 1e-3)
     return {"damaged": len(damaged), "refused": refused, "same": instance.outputs() == clean.outputs()}
 
 
 def _forged(data: bytes, start: float) -> dict[str, bytes]:
-    """Serialized states with one value made up, and the right checksum; of a unit that began at `start`."""
-    if b" [" not in data[:80]:  # the native unit: FNV-1a behind 64 bytes that name it
+    """Return serialized states with one impossible value and a correct checksum, from a state with this start time."""
+    if b" [" not in data[:80]:  # native: 64 bytes that identify the FMU, FNV-1a checksum, content
         content = data[72:].replace(struct.pack("<d", start), struct.pack("<d", 1e19))
         check = 14695981039346656037
         for byte in content:
             check = (check ^ byte) * 1099511628211 % 2**64
         return {"start": data[:64] + struct.pack("<Q", check) + content}
     guid, _, body = data.split(b" ", 2)
-    made, state = {}, json.loads(body)
-    for name, place, value in (("start", (0,), 1e19), ("text", (3,), "\ud800"), ("position", (8, 1), 1e300),
-                               ("period", (8, 0), -1), ("plant", (8, 2, 0), math.nan), ("values", (6, 0), "x")):
-        forged = json.loads(json.dumps(state))
-        holder = forged
-        for at in place[:-1]:
-            holder = holder[at]
-        holder[place[-1]] = value
+    states = {}
+    for name, indices, value in (("start", (0,), 1e19), ("text", (3,), "\ud800"), ("position", (8, 1), 1e300),
+                                 ("period", (8, 0), -1), ("plant", (8, 2, 0), math.nan), ("values", (6, 0), "x")):
+        forged = json.loads(body)
+        entry = forged
+        for index in indices[:-1]:
+            entry = entry[index]
+        entry[indices[-1]] = value
         text = json.dumps(forged).encode()
-        made[name] = b"%s %08x %s" % (guid, zlib.crc32(text), text)
-    return made
+        states[name] = b"%s %08x %s" % (guid, zlib.crc32(text), text)
+    return states
 
 
 def forged_state(fmu: Fmu) -> Any:
-    """States with a right checksum and a value that none has are refused, and nothing is changed by them."""
+    """Restore states with impossible values and a correct checksum, then run on."""
     start, findings = 1234.5, {}
     instance, clean = Instance(fmu), Instance(fmu)
     for each in (instance, clean):
         each.initialize(start)
-        each.run(start, start + BEGUN, 1e-3, **COMMAND)
+        each.run(start, start + WARM_UP, 1e-3, **COMMAND)
     for name, data in _forged(instance.serialize(instance.save()), start).items():
         instance.log.clear()
         status = instance.restore(data)
-        if status == OK:  # the Python unit cannot say no there
-            status = instance.step(start + BEGUN, 1e-3)
+        if status == OK:  # the Python FMU can refuse only a step
+            status = instance.step(start + WARM_UP, 1e-3)
         findings[name] = [status, instance.messages(ERROR)]
-    instance.run(start + BEGUN, start + 0.1, 1e-3)
-    clean.run(start + BEGUN, start + 0.1, 1e-3)
+    instance.run(start + WARM_UP, start + 0.1, 1e-3)
+    clean.run(start + WARM_UP, start + 0.1, 1e-3)
     return {"findings": findings, "same": instance.outputs() == clean.outputs()}
 
 
 def start_times(fmu: Fmu) -> Any:
-    """What comes of a start at which a clock counts in seconds, and of one at which it counts in microseconds."""
+    """Start at a system clock's time, and at times so large that a tick is below their floating-point resolution."""
     findings = {}
     for start in (1.7e9, 1e19, -2.3e20):
         instance = Instance(fmu)
@@ -246,12 +241,12 @@ def start_times(fmu: Fmu) -> Any:
         findings[f"{start:g}"] = [initialized, instance.step(start, 1e-3), instance.messages(ERROR)]
     leaping = started(fmu)
     findings["leap"] = [OK, leaping.step(1e19, 1e-3), leaping.messages(ERROR)]
-    findings["long"] = [OK, leaping.step(BEGUN, 1e19), leaping.messages(ERROR)]
+    findings["long"] = [OK, leaping.step(WARM_UP, 1e19), leaping.messages(ERROR)]
     return findings
 
 
 def stop_time(fmu: Fmu) -> Any:
-    """Steps to the stop time, by one that ends as much later as a sum of steps does, and past it."""
+    """Step to the stop time, past it by the rounding error of a sum of steps, and past it by a step."""
     findings, start, stop = {}, 1000.0, 1000.1
     for late in (0.0, 9e-7, 1e-3):
         instance = Instance(fmu)
@@ -271,34 +266,33 @@ def stop_time(fmu: Fmu) -> Any:
 
 
 def reset(fmu: Fmu) -> Any:
-    """Reset brings back the instance as instantiated."""
+    """Run a cold actuator, reset it, and run it as a new one."""
+    def outputs(instance: Instance, **values: Any) -> Any:
+        instance.initialize(**values)
+        instance.run(0.0, 0.1, 1e-3, **COMMAND)
+        return instance.outputs()
+
     instance = Instance(fmu)
-    instance.initialize(friction__temperature=-6.0)
-    instance.run(0.0, 0.1, 1e-3, **COMMAND)
-    first = instance.outputs()
+    cold = outputs(instance, friction__temperature=-6.0)
     instance.call("Reset")
-    instance.initialize()
-    instance.run(0.0, 0.1, 1e-3, **COMMAND)
-    fresh = Instance(fmu)
-    fresh.initialize()
-    fresh.run(0.0, 0.1, 1e-3, **COMMAND)
-    return {"same": instance.outputs() == fresh.outputs(), "cold differs": first != fresh.outputs()}
+    fresh = outputs(Instance(fmu))
+    return {"same": outputs(instance) == fresh, "cold differs": cold != fresh}
 
 
 def warned(fmu: Fmu) -> Any:
-    """What is logged where friction was not tested: at the start, set while running, and with another value still."""
+    """Log warnings while the temperature leaves, enters, leaves and stays outside the identified range."""
     instance = Instance(fmu)
     statuses = instance.initialize(friction__temperature=-40.0)
-    said = [instance.messages(WARNING)]
+    warnings = [instance.messages(WARNING)]
     for time, temperature in enumerate((-6.0, 60.0, 70.0)):
         instance.log.clear()
         statuses += [instance.set("friction.temperature", temperature), instance.step(1e-3 * time, 1e-3)]
-        said.append(instance.messages(WARNING))
-    return {"statuses": statuses, "said": said}
+        warnings.append(instance.messages(WARNING))
+    return {"statuses": statuses, "warnings": warnings}
 
 
 def unconnected(fmu: Fmu) -> Any:
-    """What is logged at the first command with inputs at 0, as hosts leave those that are not connected."""
+    """Log warnings at the first command while unconnected inputs are 0."""
     findings = {}
     for name, values in (("both", {"supply_voltage": 0.0, "enable": False}), ("supply", {"supply_voltage": 0.0}),
                          ("enable", {"enable": False}), ("none", {})):
@@ -313,53 +307,51 @@ def unconnected(fmu: Fmu) -> Any:
 
 
 def slicing(fmu: Fmu) -> Any:
-    """Fin angle at common times on several host grids and clocks, inputs held over the coarsest."""
-    common = 37e-3
+    """Return the differences of the fin angle between step sizes and start times, with inputs constant over 37 ms."""
+    interval = 37e-3
 
     def angles(size: float, start: float, bias: float = 0.0) -> list[float]:
         instance = Instance(fmu)
         instance.initialize(start)
-        found, time = [], 0.0
-        for mark in range(1, 9):
-            instance.set("fin_command", 0.25 * (-1) ** (mark // 3))
-            instance.set("aero_torque", -40.0 + 10.0 * mark)
-            while time < mark * common - 1e-6:
-                following = min(time + size, mark * common + bias)
-                if following > mark * common - 1e-6:
-                    following = mark * common + bias
-                assert instance.step(start + time, following - time) == OK, instance.log
-                time = following
-            found.append(instance.get("fin_angle"))
-        return found
+        angles, time = [], 0.0
+        for k in range(1, 9):
+            instance.set("fin_command", 0.25 * (-1) ** (k // 3))
+            instance.set("aero_torque", -40.0 + 10.0 * k)
+            while time < k * interval - 1e-6:
+                end = time + size if time + size <= k * interval - 1e-6 else k * interval + bias
+                assert instance.step(start + time, end - time) == OK, instance.log
+                time = end
+            angles.append(instance.get("fin_angle"))
+        return angles
 
-    reference = angles(common, 0.0)
+    reference = angles(interval, 0.0)
     grids = {f"{size} from {start}": angles(size, start)
              for size in (10e-3, 1e-3, 0.37e-3) for start in (0.0, 1234.5)}
-    # A host that adds up its steps is fractions of a microsecond early or late after an hour.
+    # After an hour a sum of steps is fractions of a microsecond early or late.
     grids |= {f"clock off by {bias}": angles(1e-3, 0.0, bias) for bias in (3e-7, -3e-7)}
-    return {name: max(abs(a - b) for a, b in zip(found, reference)) for name, found in grids.items()}
+    return {name: max(abs(a - b) for a, b in zip(grid, reference)) for name, grid in grids.items()}
 
 
 def threads(fmu: Fmu) -> Any:
-    """Instances stepped at once from several threads agree with one stepped alone."""
+    """Step four instances one after the other, and four others at the same time in threads."""
     def run(instance: Instance, k: int) -> None:
-        instance.run(BEGUN, 0.2, 1e-3, fin_command=0.05 * (k + 1))
+        instance.run(WARM_UP, 0.2, 1e-3, fin_command=0.05 * (k + 1))
 
-    alone = [started(fmu) for _ in range(4)]
-    for k, instance in enumerate(alone):
+    sequential = [started(fmu) for _ in range(4)]
+    for k, instance in enumerate(sequential):
         run(instance, k)
-    together = [started(fmu) for _ in range(4)]
-    workers = [threading.Thread(target=run, args=(i, k)) for k, i in enumerate(together)]
+    parallel = [started(fmu) for _ in range(4)]
+    workers = [threading.Thread(target=run, args=(i, k)) for k, i in enumerate(parallel)]
     for worker in workers:
         worker.start()
     for worker in workers:
         worker.join()
-    angles = [i.get("fin_angle") for i in alone]
-    return {"same": [i.outputs() for i in together] == [i.outputs() for i in alone], "distinct": len(set(angles)) == 4}
+    return {"same": [i.outputs() for i in parallel] == [i.outputs() for i in sequential],
+            "distinct": len({i.get("fin_angle") for i in sequential}) == 4}
 
 
 def many(fmu: Fmu) -> Any:
-    """Memory per further instance [KiB], and instances made and freed over and over."""
+    """Return the memory [KiB] of one of 200 instances, after creating and freeing 300 more."""
     def stepped() -> Instance:
         instance = Instance(fmu)
         instance.initialize()
@@ -383,7 +375,7 @@ def many(fmu: Fmu) -> Any:
 
 
 def dry_instance(fmu: Fmu) -> Any:
-    """Outputs before and during initialization follow the start values."""
+    """Return the outputs before, during and after initialization."""
     instance = Instance(fmu)
     before = instance.outputs()
     instance.setup()
@@ -396,25 +388,21 @@ def dry_instance(fmu: Fmu) -> Any:
 
 
 def other_guid(fmu: Fmu) -> Any:
-    """An instance of another unit, of no name, of the wrong kind: none is made, and the log says why."""
-    found = {}
-    wrong: dict[str, dict[str, Any]] = {"guid": {"guid": "{00000000-0000-0000-0000-000000000000}"},
-                                        "name": {"name": ""}, "kind": {"kind": 0}}
-    for name, more in wrong.items():
-        instance = Instance(fmu, **more)
-        found[name] = [instance.component.value, instance.messages(ERROR)]
-    return found
+    """Instantiate with another FMU's GUID, without a name, and as another kind of instance."""
+    instances = {"guid": Instance(fmu, guid="{00000000-0000-0000-0000-000000000000}"), "name": Instance(fmu, name=""),
+                 "kind": Instance(fmu, kind=0)}
+    return {name: [instance.component.value, instance.messages(ERROR)] for name, instance in instances.items()}
 
 
 def interpolation(fmu: Fmu) -> Any:
-    """Ramps given by first derivatives: independent of the host's steps, and unlike held inputs."""
+    """Compare runs with input derivatives on coarse and fine steps with runs on constant inputs."""
     rates = {"fin_command": 2.0, "aero_torque": -300.0, "supply_voltage": -20.0, "acceleration.x": 40.0,
              "attitude.pitch": 1.5}
 
     def angles(size: float, ramped: bool) -> list[float]:
         instance = Instance(fmu)
         assert instance.initialize(loads__gravity=True) == [OK] * 4
-        found, steps = [], round(10e-3 / size)
+        angles, steps = [], round(10e-3 / size)
         for k in range(10 * steps):
             time = k * size
             for name, rate in rates.items():
@@ -424,11 +412,11 @@ def interpolation(fmu: Fmu) -> Any:
                     assert instance.differentiate(name, 1, rate) == OK
             assert instance.step(time, size) == OK, instance.log
             if (k + 1) % steps == 0:
-                found.append(instance.get("fin_angle"))
-        return found
+                angles.append(instance.get("fin_angle"))
+        return angles
 
     coarse, fine, finest = angles(10e-3, True), angles(1e-3, True), angles(0.1e-3, False)
-    held = angles(10e-3, False)
+    constant = angles(10e-3, False)
     instance = started(fmu)
     bad = {"order 2": instance.differentiate("fin_command", 2, 1.0),
            "nan": instance.differentiate("fin_command", 1, math.nan),
@@ -436,14 +424,14 @@ def interpolation(fmu: Fmu) -> Any:
            "parameter": instance.differentiate("motor.resistance", 1, 1.0)}
     once = started(fmu)
     once.differentiate("fin_command", 1, 100.0)
-    assert once.step(BEGUN, 1e-3) == OK
+    assert once.step(WARM_UP, 1e-3) == OK
     first = once.get("tracking_error") - (0.2 + 100.0 * 1e-3 - once.get("fin_angle"))
-    assert once.step(BEGUN + 1e-3, 1e-3) == OK
-    second = once.get("tracking_error") - (0.3 - once.get("fin_angle"))  # held where the ramp ended
+    assert once.step(WARM_UP + 1e-3, 1e-3) == OK
+    second = once.get("tracking_error") - (0.3 - once.get("fin_angle"))  # constant after the end of the ramp
     second += once.get("fin_command") - 0.3
     third = started(fmu)
     third.differentiate("aero_torque", 1, 1000.0)
-    assert third.step(BEGUN, 10e-3) == OK
+    assert third.step(WARM_UP, 10e-3) == OK
     before = third.outputs()
     other = started(fmu)
     assert other.restore(third.serialize(third.save())) == OK
@@ -451,28 +439,28 @@ def interpolation(fmu: Fmu) -> Any:
     restored = other.outputs() == before == third.outputs()
     return {"coarse-fine": max(abs(a - b) for a, b in zip(coarse, fine)),
             "coarse-finest": max(abs(a - b) for a, b in zip(coarse, finest)),
-            "held-finest": max(abs(a - b) for a, b in zip(held, finest)),
+            "constant-finest": max(abs(a - b) for a, b in zip(constant, finest)),
             "bad": bad, "log": instance.messages(ERROR), "used once": [first, second], "restored": restored,
             "before init": Instance(fmu).differentiate("fin_command", 1, 1.0)}
 
 
 def statuses(fmu: Fmu) -> Any:
-    """Status functions after good and refused steps, in and out of their states."""
+    """Call the status functions after successful and refused steps."""
     instance = started(fmu)
-    found: dict[str, Any] = {"last": instance.status("Real", 2), "terminated": instance.status("Boolean", 3)}
+    results: dict[str, Any] = {"last": instance.status("Real", 2), "terminated": instance.status("Boolean", 3)}
     instance.set("aero_torque", 1e300)
-    found["absurd"] = instance.step(BEGUN, 1e-3)
-    found["after"] = [instance.status("Real", 2), instance.status("Boolean", 3)]
+    results["absurd"] = instance.step(WARM_UP, 1e-3)
+    results["after"] = [instance.status("Real", 2), instance.status("Boolean", 3)]
     instance.set("aero_torque", 0.0)
-    found["huge step"] = instance.step(BEGUN, 1e12)
-    found["recovered"] = [instance.step(BEGUN, 1e-3), instance.status("Boolean", 3)]
-    found["unavailable"] = [instance.status("Integer", 0)[0], instance.status("Real", 3)[0],
-                            instance.call("CancelStep")]
-    return found
+    results["huge step"] = instance.step(WARM_UP, 1e12)
+    results["recovered"] = [instance.step(WARM_UP, 1e-3), instance.status("Boolean", 3)]
+    results["unavailable"] = [instance.status("Integer", 0)[0], instance.status("Real", 3)[0],
+                              instance.call("CancelStep")]
+    return results
 
 
 def logging(fmu: Fmu) -> Any:
-    """Only requested categories are logged."""
+    """Log an error and a discarded step with various categories switched on and off."""
     def count(logging: bool, calls: list[tuple[bool, list[str]]]) -> list[int]:
         instance = Instance(fmu, logging=logging)
         statuses = [instance.debug(*call) for call in calls]
@@ -490,10 +478,10 @@ def logging(fmu: Fmu) -> Any:
 
 
 def missing_arguments(fmu: Fmu) -> Any:
-    """Null pointers where an array or an instance should be: an error, no crash."""
+    """Pass null pointers for arrays, states and the instance."""
     instance = started(fmu)
     calls = {"no arrays": instance.read_without_arrays(3),
-             "nothing asked": instance.read_without_arrays(0),
+             "no values": instance.read_without_arrays(0),
              "no categories": instance.call("SetDebugLogging", ct.c_bool(True), ct.c_size_t(2), None),
              "no state": instance.call("SetFMUstate", None),
              "state to nowhere": instance.call("GetFMUstate", None),
@@ -503,7 +491,7 @@ def missing_arguments(fmu: Fmu) -> Any:
     nobody = Instance(fmu, guid="none", logging=False)
     calls["no instance"] = min(nobody.call(name) for name in ("Reset", "Terminate", "ExitInitializationMode"))
     nobody.free()
-    return {"calls": calls, "alive": instance.step(BEGUN, 1e-3)}
+    return {"calls": calls, "alive": instance.step(WARM_UP, 1e-3)}
 
 
 if __name__ == "__main__":

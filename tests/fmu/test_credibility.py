@@ -32,38 +32,42 @@ from tests.validation.test_validate import rewritten
 ROOT = Path(__file__).resolve().parents[2]
 EMPS = ROOT / "examples" / "emps" / "emps.py"
 FITTED, UNSEEN = "f" * 64, "0" * 64
-MEASURED = f"""# Record a.csv, SHA-256 {FITTED}: fitted; fin_angle rms 0.1 deg
+PARAMETERS = f"""# Record a.csv, SHA-256 {FITTED}: fitted; fin_angle rms 0.1 deg
 # Record `b`.csv, SHA-256 {UNSEEN}: held out; fin_angle rms 0.2 deg
 "motor.resistance" = {{ value = "251", unit = "mOhm", source = "identified", note = "1 sigma 0.002 Ohm; a.csv" }}
 """
 
 
-def made(sets: Sequence[ParameterSet], fmi: str = "2", names: str = "structured") -> tuple[str, dict[str, Any]]:
-    """Return page and JSON of an FMU of these fins, without references."""
+def page_and_json(sets: Sequence[ParameterSet], fmi: str = "2", names: str = "structured"
+                  ) -> tuple[str, dict[str, Any]]:
+    """Return page and JSON of an FMU without references; `sets` has the parameters of each fin."""
     interface = FmuInterface(len(sets), sets[0].model, names)
     files = documents(interface, sets, "{guid}", "native", FORMATS[fmi], ("linux64",))
     return files["documentation/index.html"].decode(), json.loads(files[FILE])
 
 
 def facts(document: Mapping[str, Any], factor: str) -> dict[str, dict[str, Any]]:
-    (found,) = [each["facts"] for each in document["factors"] if each["name"] == factor]
-    return {fact["what"]: fact for fact in found}
+    """Return the facts of a factor by name."""
+    return {fact["what"]: fact for each in document["factors"] if each["name"] == factor for fact in each["facts"]}
 
 
 def words(element: Any) -> str:
+    """Return the text of an element of the page."""
     return " ".join(element.text_content().split())
 
 
 def as_shown(fact: Mapping[str, Any]) -> str:
+    """Return the page's text for a fact of the JSON."""
     value = fact["value"] if isinstance(fact["value"], str) else with_unit(fact["value"], fact["unit"])
     names, note = ", ".join(fact["names"]), fact["note"].replace("`", "")
     return " ".join((value + (f": {names}" if names else "") + (f". {note}" if note else "")).split())
 
 
 @pytest.fixture
-def measured(tmp_path: Path) -> Path:
+def parameter_file(tmp_path: Path) -> Path:
+    """Return a parameter file that `emcas identify` could have written."""
     file = tmp_path / "mine.toml"
-    file.write_text(MEASURED, encoding="utf-8")
+    file.write_text(PARAMETERS, encoding="utf-8")
     return file
 
 
@@ -72,23 +76,23 @@ def measured(tmp_path: Path) -> Path:
     (str(OWN), 1, "3", "structured"), (str(EMPS), 1, "2", "structured")], ids=lambda each: Path(str(each)).stem)
 def test_page_and_json_agree(model: str, fins: int, fmi: str, names: str) -> None:
     base = load_parameters(model=model)
-    page, document = made(fin_sets(base, fins, "cross", {}) if fins > 1 else [base], fmi, names)
+    page, document = page_and_json(fin_sets(base, fins, "cross", {}) if fins > 1 else [base], fmi, names)
     (heading,) = html.fromstring(page).xpath('//h2[@id="credibility"]')
     (table,) = html.fromstring(page).xpath('//table[contains(caption, "Factors of credibility")]')
     rows = [[words(cell) for cell in row] for row in table.xpath("tbody/tr")]
     assert [row[0] for row in rows if row[0]] == [each["name"] for each in document["factors"]]
     assert [row[1:] for row in rows] == [[fact["what"], as_shown(fact), fact["command"]]
                                          for each in document["factors"] for fact in each["facts"]]
-    said = words(heading.getparent())
+    section = words(heading.getparent())
     for sentence in (document["use"], *document["limits"], *document["not_done"]):
-        assert " ".join(sentence.split()) in said
+        assert " ".join(sentence.split()) in section
     assert document["use"] == USE
 
 
 @pytest.mark.parametrize("model", ["nonlinear", str(OWN), str(EMPS)], ids=lambda model: Path(model).stem)
 def test_every_parameter_is_counted_once(model: str) -> None:
     base = load_parameters(model=model)
-    _, document = made([base])
+    _, document = page_and_json([base])
     pedigree = facts(document, "Data pedigree")
     counted = {what.removeprefix("parameters, source: "): fact for what, fact in pedigree.items()
                if what.startswith("parameters, ")}
@@ -97,15 +101,15 @@ def test_every_parameter_is_counted_once(model: str) -> None:
     assert tuple(counted["estimate"]["names"]) == base.estimates
 
 
-def test_shipped_parameters_are_not_measured() -> None:
-    _, document = made([load_parameters()])
+def test_shipped_parameters_are_not_validated() -> None:
+    _, document = page_and_json([load_parameters()])
     assert {fact["value"] for fact in facts(document, "Validation").values()} == {NOT_DONE}
     assert "comparison with an independent integration" in document["not_done"]  # of an FMU without references
 
 
-def test_identified_parameters_have_their_records(measured: Path) -> None:
-    parameters = load_parameters(measured)
-    _, document = made([parameters])
+def test_identified_parameters_have_their_records(parameter_file: Path) -> None:
+    parameters = load_parameters(parameter_file)
+    _, document = page_and_json([parameters])
     resistance = facts(document, "Data pedigree")["motor.resistance"]
     assert (resistance["value"], resistance["unit"]) == (0.251, "Ohm")
     assert resistance["note"] == "1 sigma 0.002 Ohm; a.csv"
@@ -115,62 +119,61 @@ def test_identified_parameters_have_their_records(measured: Path) -> None:
         "record `b`.csv": ("held out; fin_angle rms 0.2 deg", f"SHA-256 {UNSEEN}")}
     configuration = facts(document, "M&S process/product management")
     assert configuration["parameters"]["value"] == "mine.toml"
-    assert sha256(measured.read_bytes()).hexdigest() in configuration["parameters"]["note"]
+    assert sha256(parameter_file.read_bytes()).hexdigest() in configuration["parameters"]["note"]
     assert parameters_hash(parameters.values) in configuration["parameters"]["note"]
-    # A value that replaces the identified one leaves nothing of the records.
-    _, document = made([parameters.with_values({"motor.resistance": 0.3})])
+    # If another value replaces the identified one, the card has no records.
+    _, document = page_and_json([parameters.with_values({"motor.resistance": 0.3})])
     assert [*facts(document, "Validation")] == ["comparison with measurements that were not fitted"]
 
 
 def test_records_that_were_fitted_do_not_validate(tmp_path: Path) -> None:
-    (tmp_path / "fitted.toml").write_text("\n".join(MEASURED.splitlines()[::2]), encoding="utf-8")
-    (tmp_path / "bare.toml").write_text(MEASURED.splitlines()[2], encoding="utf-8")
+    (tmp_path / "fitted.toml").write_text("\n".join(PARAMETERS.splitlines()[::2]), encoding="utf-8")
+    (tmp_path / "bare.toml").write_text(PARAMETERS.splitlines()[2], encoding="utf-8")
     for name, others in (("fitted", "record a.csv"), ("bare", "records of the identified parameters")):
-        validation = facts(made([load_parameters(tmp_path / f"{name}.toml")])[1], "Validation")
+        validation = facts(page_and_json([load_parameters(tmp_path / f"{name}.toml")])[1], "Validation")
         assert [*validation] == [others, "comparison with measurements that were not fitted"]
         assert f"--free NAMES --parameters {name}.toml" in validation[[*validation][1]]["command"]
 
 
-def test_fins_that_differ_are_told_apart(measured: Path) -> None:
-    _, document = made(fin_sets(load_parameters(), 2, "cross", {2: measured}))
+def test_card_names_the_fin_with_other_parameters(parameter_file: Path) -> None:
+    _, document = page_and_json(fin_sets(load_parameters(), 2, "cross", {2: parameter_file}))
     pedigree = facts(document, "Data pedigree")
     assert "motor.resistance of fin 2" in pedigree
     assert pedigree["parameters of fin 2, source: identified"]["names"] == ["motor.resistance"]
-    assert "parameters, source: thesis" in pedigree  # the same of both
+    assert "parameters, source: thesis" in pedigree  # equal in both fins
 
 
-def test_a_users_actuator_names_its_files() -> None:
-    _, document = made([load_parameters(model=str(OWN))])
-    said = facts(document, "M&S process/product management")[f"actuator's {OWN.name}"]["value"]
-    assert said == f"SHA-256 {sha256(OWN.read_bytes()).hexdigest()}"
+def test_card_of_a_users_actuator_names_its_file_without_the_folder() -> None:
+    _, document = page_and_json([load_parameters(model=str(OWN))])
+    value = facts(document, "M&S process/product management")[f"actuator's {OWN.name}"]["value"]
+    assert value == f"SHA-256 {sha256(OWN.read_bytes()).hexdigest()}"
     assert str(OWN.parent) not in json.dumps(document)
 
 
 @pytest.mark.parametrize("fmu", ["", "EMCAS.fmu"])
 @pytest.mark.parametrize("model", ["elastic+heat", str(OWN)], ids=lambda model: Path(model).stem)
 def test_every_command_exists_with_its_options(model: str, fmu: str) -> None:
-    found = [fact.command for _, fact in card([load_parameters(model=model)], fmu).rows if fact.command]
-    known = typer.main.get_command(app)
-    assert found
-    for command in "; ".join(found).split("; "):
+    commands = [fact.command for _, fact in card([load_parameters(model=model)], fmu).rows if fact.command]
+    assert commands
+    for command in "; ".join(commands).split("; "):
         emcas, *rest = shlex.split(command)
         assert emcas == "emcas"
-        at: Any = known
-        while rest and rest[0] in getattr(at, "commands", {}):
-            at = at.commands[rest.pop(0)]
-        options = {name for parameter in at.params for name in parameter.opts}
+        parser: Any = typer.main.get_command(app)
+        while rest and rest[0] in getattr(parser, "commands", {}):
+            parser = parser.commands[rest.pop(0)]
+        options = {name for parameter in parser.params for name in parameter.opts}
         assert {word for word in rest if word.startswith("--")} <= options, command
 
 
-def test_the_readme_says_what_it_is_for() -> None:
+def test_readme_and_card_state_the_same_use() -> None:
     assert USE in " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
 
 
-def test_a_fact_replaces_that_of_its_words_and_keeps_the_command() -> None:
-    one = Card("", "", (), "", (), (Factor("F", (Fact("a", NOT_DONE, command="c"), Fact("b", NOT_DONE))),))
-    other = one.having("F", Fact("a", 1.0, "deg"), Fact("new", 2))
-    assert other.factors[0].facts == (Fact("a", 1.0, "deg", command="c"), Fact("b", NOT_DONE), Fact("new", 2))
-    assert (one.not_done, other.not_done) == (["a", "b"], ["b"])
+def test_new_fact_replaces_the_fact_of_the_same_name_and_keeps_its_command() -> None:
+    before = Card("", "", (), "", (), (Factor("F", (Fact("a", NOT_DONE, command="c"), Fact("b", NOT_DONE))),))
+    after = before.having("F", Fact("a", 1.0, "deg"), Fact("new", 2))
+    assert after.factors[0].facts == (Fact("a", 1.0, "deg", command="c"), Fact("b", NOT_DONE), Fact("new", 2))
+    assert (before.not_done, after.not_done) == (["a", "b"], ["b"])
 
 
 def test_a_card_is_read_as_written() -> None:
@@ -185,21 +188,21 @@ def test_a_card_is_read_as_written() -> None:
 
 
 @pytest.mark.fmu
-def test_an_fmu_keeps_its_card(measured: Path, tmp_path: Path) -> None:
-    """A report has the card inside the FMU, but not one that is damaged, or of other values."""
-    fmu = lean(load_parameters(measured), tmp_path / "mine.fmu")
+def test_report_uses_the_embedded_card_if_it_is_intact(parameter_file: Path, tmp_path: Path) -> None:
+    """A damaged card is an error; a card for other values is ignored."""
+    fmu = lean(load_parameters(parameter_file), tmp_path / "mine.fmu")
     with open_subject(fmu) as subject:
-        inside = json.loads((subject.fmu.folder / FILE).read_bytes())  # type: ignore[attr-defined]
-        seen = subject.card.as_dict()
-    assert "record a.csv" in facts(seen, "Validation")
-    assert sha256(fmu.read_bytes()).hexdigest() in facts(seen, "M&S process/product management")["file"]["note"]
-    assert json.loads(json.dumps(seen["factors"][:-1])) == inside["factors"][:-1]
+        embedded = json.loads((subject.fmu.folder / FILE).read_bytes())  # type: ignore[attr-defined]
+        reported = subject.card.as_dict()
+    assert "record a.csv" in facts(reported, "Validation")
+    assert sha256(fmu.read_bytes()).hexdigest() in facts(reported, "M&S process/product management")["file"]["note"]
+    assert json.loads(json.dumps(reported["factors"][:-1])) == embedded["factors"][:-1]
 
     def changed(before: bytes, after: bytes) -> Path:
         return rewritten(fmu, tmp_path / "changed.fmu",
                          lambda name, content: content.replace(before, after) if name == FILE else content)
 
-    with open_subject(changed(inside["values_sha256"][0].encode(), b"0" * 64)) as subject:
+    with open_subject(changed(embedded["values_sha256"][0].encode(), b"0" * 64)) as subject:
         document = subject.card.as_dict()
         pedigree = facts(document, "Data pedigree")
     assert "no card for its values" in facts(document, "M&S process/product management")["file"]["note"]

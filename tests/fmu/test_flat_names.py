@@ -1,4 +1,4 @@
-"""``--names flat``: the same unit under names without dots and brackets."""
+"""FMUs with `--names flat`: the same variables under names without dots and brackets."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from tests.marks import slow
 
 ROOT = Path(__file__).resolve().parents[2]
 WORD = re.compile(r"[a-z]\w*")
-# Of each back end and version one.
+# One FMU of each back end.
 QUICK = {("python", "2", 1), ("native", "3", 4)}
 each_unit = pytest.mark.parametrize("unit", [
     pytest.param((backend, fmi, fins), marks=() if (backend, fmi, fins) in QUICK else pytest.mark.slow,
@@ -44,8 +44,8 @@ each_unit = pytest.mark.parametrize("unit", [
 
 
 @pytest.mark.parametrize("fins", [1, 2, *slow(8)])
-def test_names_are_words_of_their_own(fins: int) -> None:
-    """Of every actuator, its extensions, and any number of fins; of FMI 3.0's arrays, too."""
+def test_flat_names_are_distinct_words(fins: int) -> None:
+    """For every actuator and its extensions, of scalars and of FMI 3.0's arrays."""
     for kind in KINDS:
         unit = FmuInterface(fins, kind, "flat")
         for names in ([v.name for v in unit.variables], [v.variable.name for v in arrays(unit)]):
@@ -54,10 +54,11 @@ def test_names_are_words_of_their_own(fins: int) -> None:
             assert all(WORD.fullmatch(name) for name in spelt)
 
 
-def test_two_names_that_would_be_one_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_with_equal_flat_names_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     shipped = get("second-order")
-    both = replace(shipped, parameters=(*shipped.parameters, parameter("solver_max.tick", "s", 0.0, 1.0, "a slip")))
-    monkeypatch.setattr("emcas_fmu.fmi.interface.get", lambda _: both)
+    ambiguous = replace(shipped, parameters=(*shipped.parameters,
+                                             parameter("solver_max.tick", "s", 0.0, 1.0, "a slip")))
+    monkeypatch.setattr("emcas_fmu.fmi.interface.get", lambda _: ambiguous)
     assert FmuInterface(1, "second-order").spelt("solver_max.tick") == "solver_max.tick"
     with pytest.raises(EmcasError, match=r"solver\.max_tick and solver_max\.tick would both be solver_max_tick"):
         FmuInterface(1, "second-order", "flat")
@@ -65,29 +66,29 @@ def test_two_names_that_would_be_one_are_refused(monkeypatch: pytest.MonkeyPatch
         FmuInterface(1, "second-order", "round")
 
 
-def test_texts_name_what_there_is() -> None:
-    """Descriptions, rules' messages and the page: not a name with a dot is left, and nothing else is changed."""
-    names_of: dict[str, set[str]] = defaultdict(set)  # by a text, which many units have: names that it must not have
+def test_texts_contain_flat_names_only() -> None:
+    """In descriptions and messages each name with a dot is replaced, and nothing else is changed."""
+    names_of: dict[str, set[str]] = defaultdict(set)  # names with dots that the text must not contain
     for kind in KINDS:
         unit = FmuInterface(2, kind, "flat")
         names = {v.name for v in unit.actuator.parameters if flat(v.name) != v.name}
         for text in (*(v.description for v in unit.variables), *(rule.message for rule in unit.actuator.all_rules)):
             names_of[unit.respelt(text)] |= names
-    left = re.compile("|".join(rf"(?<!\w){re.escape(name)}(?!\w)" for name in set[str]().union(*names_of.values())))
-    assert [text for text, names in names_of.items() if not names.isdisjoint(left.findall(text))] == []
+    dotted = re.compile("|".join(rf"(?<!\w){re.escape(name)}(?!\w)" for name in set[str]().union(*names_of.values())))
+    assert [text for text, names in names_of.items() if not names.isdisjoint(dotted.findall(text))] == []
     unit = FmuInterface(4, "nonlinear+heat", "flat")
-    said = "a fin[2].fin.stop_angle of 0.1 N.m; motor.* and friction.table, e.g. friction.table.viscous[0]"
-    assert unit.respelt(said) == (
+    text = "a fin[2].fin.stop_angle of 0.1 N.m; motor.* and friction.table, e.g. friction.table.viscous[0]"
+    assert unit.respelt(text) == (
         "a fin2_fin_stop_angle of 0.1 N.m; motor_* and friction_table, e.g. friction_table_viscous0")
     assert FmuInterface(4).respelt("fin[2].fin.stop_angle") == "fin[2].fin.stop_angle"
 
 
 @pytest.mark.parametrize("fmi", FORMATS)
-def test_a_host_in_c_finds_the_same_macros(fmi: str) -> None:
-    structured, spelt = (names_header(FmuInterface(4, "nonlinear", names), "{}", FORMATS[fmi]) for names in SPELLINGS)
-    assert re.findall("#define .* /", structured) == re.findall("#define .* /", spelt)
-    assert "fin2_motor_speed" in spelt if fmi == "2" else "fins_motor_speed" in spelt
-    assert not re.search(r"/\* [\w]*[.\[]", spelt)
+def test_header_has_the_same_macros_with_flat_names(fmi: str) -> None:
+    structured, flat = (names_header(FmuInterface(4, "nonlinear", names), "{}", FORMATS[fmi]) for names in SPELLINGS)
+    assert re.findall("#define .* /", structured) == re.findall("#define .* /", flat)
+    assert ("fin2_motor_speed" if fmi == "2" else "fins_motor_speed") in flat
+    assert not re.search(r"/\* [\w]*[.\[]", flat)
 
 
 @pytest.mark.parametrize("arrays", [False, True])
@@ -98,8 +99,7 @@ def test_terminals_have_the_names_of_the_variables(arrays: bool) -> None:
     assert all(map(WORD.fullmatch, members))
 
 
-def test_messages_have_the_names_of_the_variables() -> None:
-    """Of the Python unit in this process."""
+def test_messages_of_the_python_fmu_have_flat_names() -> None:
     unit = FmuInterface(2, "nonlinear", "flat")
     slave = slave_class(unit, [load_parameters().values] * 2)(instance_name="fin")
     slave.setup_experiment(0.0)
@@ -113,22 +113,23 @@ def test_messages_have_the_names_of_the_variables() -> None:
     assert slave.log_queue[-1].msg.startswith("initialization was refused: fin2: ")
 
 
-# -- built -------------------------------------------------------------------------
+# -- built FMUs --------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def built(shipped_unit: Callable[..., Path]) -> Callable[[str, str, int, str], Path]:
-    """The file of a back end, version of FMI, fins and names."""
+def build_shipped(shipped_unit: Callable[..., Path]) -> Callable[[str, str, int, str], Path]:
+    """A function of back end, version of FMI, number of fins and kind of names; it returns the FMU's path."""
     return lambda backend, fmi, fins, names: shipped_unit(backend, fmi=fmi, fins=fins, names=names)
 
 
 @pytest.mark.fmu
 @each_unit
-def test_the_same_bits(built: Callable[..., Path], unit: tuple[str, str, int]) -> None:
-    """Of every output, in a slew against a load; and the tools find the variables of a fin by their usual names."""
+def test_results_with_flat_names_have_the_same_bits(build_shipped: Callable[..., Path], unit: tuple[str, str, int]
+                                                    ) -> None:
+    """The FMU's subject maps the usual names to the flat ones."""
     runs = []
     for key in ((*unit, names) for names in SPELLINGS):
-        with open_subject(built(*key), fin=2 if unit[2] > 1 else None) as subject:
+        with open_subject(build_shipped(*key), fin=2 if unit[2] > 1 else None) as subject:
             assert isinstance(subject, FmuSubject)
             runs.append(subject.run(reference_case("load_opposing"), {"friction.temperature": 0.0,
                                                                       "friction.table.viscous[2]": 1.3}))
@@ -142,8 +143,9 @@ def test_the_same_bits(built: Callable[..., Path], unit: tuple[str, str, int]) -
 
 @pytest.mark.fmu
 @each_unit
-def test_nothing_in_the_archive_has_other_names(built: Callable[..., Path], unit: tuple[str, str, int]) -> None:
-    path = built(*unit, "flat")
+def test_every_file_of_the_archive_has_flat_names(build_shipped: Callable[..., Path], unit: tuple[str, str, int]
+                                                  ) -> None:
+    path = build_shipped(*unit, "flat")
     assert validate_fmu(str(path)) == []
     with zipfile.ZipFile(path) as archive:
         root = fromstring(archive.read("modelDescription.xml"))
@@ -156,16 +158,16 @@ def test_nothing_in_the_archive_has_other_names(built: Callable[..., Path], unit
     assert root.attrib["variableNamingConvention"] == "flat"
     assert all(map(WORD.fullmatch, names))
     assert all(f"<code>{name}</code>" in page for name in names) or unit[1] == "3"
-    of_tables = {column.partition("[")[0] for table in tables for column in table.replace('"', "").split(",")}
-    of_sets = {name.partition("[")[0] for text in sets for name in re.findall(r'Parameter name="([^"]+)"', text)}
-    assert of_tables - {"time"} <= names
-    assert of_sets <= names
-    assert of_sets
+    columns = {column.partition("[")[0] for table in tables for column in table.replace('"', "").split(",")}
+    parameters = {name.partition("[")[0] for text in sets for name in re.findall(r'Parameter name="([^"]+)"', text)}
+    assert columns - {"time"} <= names
+    assert parameters <= names
+    assert parameters
 
 
 @pytest.mark.fmu
-def test_messages_of_the_native_unit(built: Callable[..., Path]) -> None:
-    with open_subject(built("native", "2", 4, "flat"), fin=3) as subject:
+def test_messages_of_the_native_fmu_have_flat_names(build_shipped: Callable[..., Path]) -> None:
+    with open_subject(build_shipped("native", "2", 4, "flat"), fin=3) as subject:
         assert isinstance(subject, FmuSubject)
         messages: list[str] = []
         instance = subject.fmu.instance(lambda *arguments: messages.append(arguments[4].decode()))
@@ -179,8 +181,8 @@ def test_messages_of_the_native_unit(built: Callable[..., Path]) -> None:
 
 
 @pytest.mark.fmu
-def test_an_actuator_of_the_user_s(tmp_path: Path) -> None:
-    """Its FMU's names tell nothing of its variables': with --model they are known."""
+def test_flat_names_of_a_users_actuator_need_its_model(tmp_path: Path) -> None:
+    """The usual names cannot be found from flat ones alone."""
     own = ROOT / "examples" / "own_actuator" / "direct_drive.py"
     path = build(load_parameters(model=str(own)), tmp_path / "own.fmu", names="flat", references=False).path
     with open_subject(path, model=str(own)) as subject:
@@ -191,11 +193,11 @@ def test_an_actuator_of_the_user_s(tmp_path: Path) -> None:
 
 @pytest.mark.drawn
 @pytest.mark.fmu
-def test_commands(built: Callable[..., Path], tmp_path: Path) -> None:
+def test_build_and_validate_accept_flat_names(build_shipped: Callable[..., Path], tmp_path: Path) -> None:
     path = tmp_path / "EMCAS.fmu"
     done = CliRunner().invoke(app, ["build", "--names", "flat", "-o", str(path)])
     assert done.exit_code == 0, done.output
-    assert path.read_bytes() == built("python", "2", 1, "flat").read_bytes()
+    assert path.read_bytes() == build_shipped("python", "2", 1, "flat").read_bytes()
     done = CliRunner().invoke(app, ["validate", str(path), "--case", "step_plus20"])
     assert done.exit_code == 0, done.output
     refused = CliRunner().invoke(app, ["build", "--names", "round", "-o", str(path)])

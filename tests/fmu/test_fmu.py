@@ -1,4 +1,7 @@
-"""The FMU in a fresh process where nothing but Python's standard library is installed."""
+"""The FMU in a new process of a Python that has only its standard library.
+
+`scenarios.py` makes the calls; the tests here judge the results.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ import pytest
 pytestmark = pytest.mark.fmu
 HERE = Path(__file__).parent
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
-# pythonfmu's wrapper can refuse a step only, the native unit says so at the call that is wrong.
+# The Python FMU (pythonfmu's wrapper) can refuse only a step; a native FMU refuses the wrong call itself.
 REFUSED = {"python": DISCARD, "native": ERROR, "fmi3": ERROR}
 only_native = pytest.mark.parametrize("backend", ["native", "fmi3"], indirect=True)
 only_fmi2 = pytest.mark.parametrize("backend", ["native"], indirect=True)
@@ -24,14 +27,15 @@ only_fmi2 = pytest.mark.parametrize("backend", ["native"], indirect=True)
 
 @pytest.fixture(scope="session")
 def bare_python(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An interpreter with an empty environment: no NumPy, no pythonfmu, no emcas_fmu."""
+    """Return a Python interpreter without NumPy, pythonfmu and emcas_fmu."""
     folder = tmp_path_factory.mktemp("bare")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder], check=True)
     return folder / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
 
 
 @pytest.fixture(scope="session")
-def unpacked(units: Mapping[str, Path], native3: Path, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
+def folders(units: Mapping[str, Path], native3: Path, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
+    """Return the folders of the unpacked FMUs."""
     folders = {}
     for backend, unit in {**units, "fmi3": native3}.items():
         folders[backend] = tmp_path_factory.mktemp(backend)
@@ -42,14 +46,14 @@ def unpacked(units: Mapping[str, Path], native3: Path, tmp_path_factory: pytest.
 
 @pytest.fixture(params=["python", "native", "fmi3"])
 def backend(request: pytest.FixtureRequest) -> str:
-    chosen: str = request.param
-    return chosen
+    return str(request.param)
 
 
 @pytest.fixture
-def scenario(bare_python: Path, unpacked: Mapping[str, Path], tmp_path: Path, backend: str) -> Any:
+def scenario(bare_python: Path, folders: Mapping[str, Path], tmp_path: Path, backend: str) -> Any:
+    """Return a function that runs a scenario and returns its results."""
     def run(name: str) -> Any:
-        done = subprocess.run([bare_python, "-B", "-W", "error", HERE / "scenarios.py", name, unpacked[backend]],
+        done = subprocess.run([bare_python, "-B", "-W", "error", HERE / "scenarios.py", name, folders[backend]],
                               capture_output=True, text=True, timeout=120, cwd=tmp_path)
         assert done.returncode == 0, done.stderr  # a crash of the host shows here
         return json.loads(done.stdout.splitlines()[-1])
@@ -62,7 +66,7 @@ def test_runs_without_numpy(scenario: Any) -> None:
     assert found["status"] == OK
     assert found["log"] == []
     assert not {"numpy", "scipy", "casadi", "emcas_fmu"} & set(found["modules"])
-    assert abs(found["outputs"]["fin_angle"] - 0.2) < 0.02  # at its command, but for what is left of an overshoot
+    assert abs(found["outputs"]["fin_angle"] - 0.2) < 0.02  # at its command; an overshoot is still decaying
 
 
 def test_hostile_steps_and_inputs_are_refused(scenario: Any, backend: str) -> None:
@@ -79,13 +83,13 @@ def test_hostile_steps_and_inputs_are_refused(scenario: Any, backend: str) -> No
     assert found["same"]
 
 
-def test_misuse_is_told_and_changes_nothing(scenario: Any, backend: str) -> None:
+def test_wrong_calls_are_reported_and_change_nothing(scenario: Any, backend: str) -> None:
     found = scenario("misuse")
     if backend == "python":
-        found["findings"].pop("set partly")  # the wrapper hands on what it can
+        found["findings"].pop("set partly")  # the wrapper sets the variables before the wrong one
     for name, finding in found["findings"].items():
-        # The wrapper knows no other answer than fatal: a write to what cannot be set discards the Python unit's next
-        # step instead. Unknown references, or of another type, are reported without effect.
+        # The wrapper could only return Fatal. Therefore a write to an output or a fixed parameter discards the Python
+        # FMU's next step; an unknown reference or a wrong type is only logged.
         expected = [ERROR, OK, OK] if backend != "python" else [
             OK, DISCARD if name in ("set output", "set fixed") else OK, OK]
         assert [finding["status"], finding["first"], finding["second"]] == expected, name
@@ -96,31 +100,31 @@ def test_misuse_is_told_and_changes_nothing(scenario: Any, backend: str) -> None
     assert "terminated" in found["order"]["late"][1]
 
 
-def test_bad_parameters_are_refused_by_name(scenario: Any, backend: str) -> None:
+def test_message_names_the_bad_parameter_and_its_value(scenario: Any, backend: str) -> None:
     found = scenario("refused_parameters")
-    said = {"negative": ["motor.resistance", "-1"], "nan": ["kinematics.moment_arm", "nan"],
-            "infinite": ["drive.kp", "inf"], "stop inside command": ["fin.stop_angle", "command.limit"],
-            "delay": ["drive.transport_delay", "controller.sample_time"], "multiplier": ["encoder.multiplier", "3"],
-            "lever": ["kinematics.initial_angle", "fin.stop_angle"], "percent": ["friction.temperature"]}
+    words = {"negative": ["motor.resistance", "-1"], "nan": ["kinematics.moment_arm", "nan"],
+             "infinite": ["drive.kp", "inf"], "stop inside command": ["fin.stop_angle", "command.limit"],
+             "delay": ["drive.transport_delay", "controller.sample_time"], "multiplier": ["encoder.multiplier", "3"],
+             "lever": ["kinematics.initial_angle", "fin.stop_angle"], "percent": ["friction.temperature"]}
     for name, finding in found["findings"].items():
         assert finding["init"] == (OK if backend == "python" else ERROR), name  # see the slave's docstring
         assert finding["steps"] == [REFUSED[backend]] * 2, name
         assert finding["after reset"] == OK, name
-        assert all(word in finding["log"] for word in said[name]), (name, finding["log"])
+        assert all(word in finding["log"] for word in words[name]), (name, finding["log"])
     assert found["tunable"][:2] == [REFUSED[backend], OK]
     assert "controller.position.kp" in found["tunable"][2]
 
 
-def test_warnings_are_logged_once_and_leave_the_status_alone(scenario: Any) -> None:
+def test_temperature_warning_appears_once_and_status_remains_ok(scenario: Any) -> None:
     found = scenario("warned")
     assert set(found["statuses"]) == {OK}
-    cold, inside, warm, warmer = found["said"]
+    cold, inside, warm, warmer = found["warnings"]
     assert "friction.temperature = -40 degC is outside the range in which friction was measured" in cold
     assert "friction.temperature = 60 degC" in warm
     assert (inside, warmer) == ("", "")
 
 
-def test_inputs_left_at_0_are_logged_at_the_first_command(scenario: Any) -> None:
+def test_inputs_at_0_are_logged_at_the_first_command(scenario: Any) -> None:
     found = scenario("unconnected")
     for name, inputs in (("both", ["supply_voltage", "enable"]), ("supply", ["supply_voltage"]), ("enable", ["enable"]),
                          ("none", [])):
@@ -129,7 +133,7 @@ def test_inputs_left_at_0_are_logged_at_the_first_command(scenario: Any) -> None
         assert all(f"{i} = 0 at the first command" in text for i, text in zip(inputs, after, strict=True)), after
 
 
-def test_state_continues_bit_for_bit(scenario: Any) -> None:
+def test_restored_state_continues_with_the_same_bits(scenario: Any) -> None:
     assert scenario("state") == {
         "restored": True, "transplanted": True, "fresh": True, "inside tick": True, "moved": True}
 
@@ -140,26 +144,26 @@ def test_corrupt_state_is_refused(scenario: Any) -> None:
     assert found["same"]
 
 
-def test_a_made_up_state_is_refused_and_changes_nothing(scenario: Any, backend: str) -> None:
+def test_state_with_an_impossible_value_is_refused_and_changes_nothing(scenario: Any, backend: str) -> None:
     found = scenario("forged_state")
     assert len(found["findings"]) == (6 if backend == "python" else 1)
-    for name, (status, said) in found["findings"].items():
+    for name, (status, message) in found["findings"].items():
         assert status == REFUSED[backend], name
-        assert "FMU state refused" in said, name
+        assert "FMU state refused" in message, name
     assert found["same"]
 
 
-def test_a_start_where_a_tick_is_less_than_the_clocks_resolution_is_refused(scenario: Any, backend: str) -> None:
-    """At 1e19 s a clock counts in steps of 2048 s, at 1.7e9 s (a system's clock) of 0.24 us: a thousandth of a tick."""
+def test_start_time_with_a_resolution_above_a_tick_is_refused(scenario: Any, backend: str) -> None:
+    """Floating-point times near 1e19 s differ by 2048 s; near a system clock's 1.7e9 s by 0.24 us, 1/1000 of a tick."""
     found = scenario("start_times")
     assert found.pop("1.7e+09")[:2] == [OK, OK]
     assert found.pop("leap")[1] == REFUSED[backend]
     assert found.pop("long")[1] == DISCARD  # more ticks than a step may have
-    for start, (initialized, step, said) in found.items():
+    for start, (initialized, step, message) in found.items():
         assert initialized == (OK if backend == "python" else ERROR), start
         assert step == REFUSED[backend], start
-        assert f"start time {start} s" in said
-        assert "choose a start time within +-1.68885e+11 s" in said  # 2^49 ticks of 0.3 ms
+        assert f"start time {start} s" in message
+        assert "choose a start time within +-1.68885e+11 s" in message  # 2^49 ticks of 0.3 ms
 
 
 def test_a_step_past_the_stop_time_is_refused(scenario: Any, backend: str) -> None:
@@ -175,26 +179,26 @@ def test_a_step_past_the_stop_time_is_refused(scenario: Any, backend: str) -> No
         assert "is not at or after the start time 1000" in found[wrong][1]
 
 
-def test_reset(scenario: Any) -> None:
+def test_reset_restores_the_start_values(scenario: Any) -> None:
     assert scenario("reset") == {"same": True, "cold differs": True}
 
 
-def test_slicing(scenario: Any) -> None:
-    worst = scenario("slicing")
-    assert len(worst) == 8
-    assert max(worst.values()) < 1e-9, worst  # the contract
+def test_step_size_and_start_time_do_not_change_the_fin_angle(scenario: Any) -> None:
+    differences = scenario("slicing")
+    assert len(differences) == 8
+    assert max(differences.values()) < 1e-9, differences  # rad, the guaranteed limit
 
 
-def test_threads(scenario: Any) -> None:
+def test_instances_in_threads_equal_instances_in_sequence(scenario: Any) -> None:
     assert scenario("threads") == {"same": True, "distinct": True}
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="reads resident memory with getrusage")
-def test_many_instances(scenario: Any, backend: str) -> None:
+@pytest.mark.skipif(sys.platform == "win32", reason="reads resident memory from /proc")
+def test_500_instances_run_and_need_little_memory(scenario: Any, backend: str) -> None:
     found = scenario("many")
     assert found["ok"]
     assert found["alive"]
-    # By pages, with the test's own callbacks and ctypes objects: the native unit's own figure is in the benchmark.
+    # Whole pages, with the host's ctypes objects; benchmarks/native.py measures a native instance alone.
     assert found["KiB each"] < (200.0 if backend == "python" else 20.0)
 
 
@@ -207,7 +211,7 @@ def test_outputs_follow_start_values(scenario: Any) -> None:
 
 
 @only_native
-def test_another_unit_is_not_instantiated(scenario: Any, backend: str) -> None:
+def test_wrong_guid_name_or_kind_is_not_instantiated(scenario: Any, backend: str) -> None:
     found = scenario("other_guid")
     assert {name: component for name, (component, _) in found.items()} == {"guid": None, "name": None, "kind": None}
     assert "00000000-0000" in found["guid"][1]
@@ -216,15 +220,14 @@ def test_another_unit_is_not_instantiated(scenario: Any, backend: str) -> None:
 
 
 @only_fmi2
-def test_inputs_are_interpolated(scenario: Any) -> None:
-    """First derivatives replace small steps: on ramps of all kinds of inputs."""
+def test_input_derivatives_replace_small_steps(scenario: Any) -> None:
+    """All kinds of inputs are ramps."""
     found = scenario("interpolation")
-    # Supply and attitude act through the middle of ticks that begin and end elsewhere on another grid: an error of
-    # second order in the tick of 0.7 ms, as in the integration itself, and given the same quarter of the 0.002 deg
-    # that trajectories may differ by.
+    # A tick uses the inputs at its middle, and communication points cut ticks differently. The error is of second
+    # order in the tick of 0.7 ms, as the integration's. Both may use a quarter of the 0.002 deg for trajectories.
     assert found["coarse-fine"] < radians(0.002) / 4
-    assert found["coarse-finest"] < 2e-5  # held over 0.1 ms
-    assert found["held-finest"] > 100 * found["coarse-finest"]
+    assert found["coarse-finest"] < 2e-5  # the finest run's inputs are constant over 0.1 ms
+    assert found["constant-finest"] > 100 * found["coarse-finest"]
     assert found["bad"] == {"order 2": ERROR, "nan": ERROR, "output": ERROR, "parameter": ERROR}
     assert "only order 1" in found["log"]
     assert max(map(abs, found["used once"])) < 1e-12  # rounding of the sums
@@ -244,7 +247,7 @@ def test_status_functions(scenario: Any) -> None:
 
 
 @only_native
-def test_log_categories(scenario: Any) -> None:
+def test_only_requested_categories_are_logged(scenario: Any) -> None:
     assert scenario("logging") == {
         "off": [OK, False, False], "on": [OK, True, True], "switched on": [OK, True, True],
         "errors": [OK, True, False], "less": [OK, False, True], "all": [OK, True, True],
@@ -252,9 +255,9 @@ def test_log_categories(scenario: Any) -> None:
 
 
 @only_native
-def test_missing_arguments(scenario: Any) -> None:
+def test_null_pointers_are_errors(scenario: Any) -> None:
     found = scenario("missing_arguments")
     assert found["calls"] == {
-        "no arrays": ERROR, "nothing asked": OK, "no categories": ERROR, "no state": ERROR, "state to nowhere": ERROR,
+        "no arrays": ERROR, "no values": OK, "no categories": ERROR, "no state": ERROR, "state to nowhere": ERROR,
         "strings": ERROR, "free no state": OK, "no instance": ERROR}
     assert found["alive"] == OK
