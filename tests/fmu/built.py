@@ -26,7 +26,8 @@ def both(parameters: ParameterSet, folder: Path, fins: int = 1) -> Mapping[str, 
     return {backend: lean(parameters, folder / f"{backend}.fmu", backend, fins=fins) for backend in BACKENDS}
 
 
-def lean(parameters: ParameterSet, path: Path, backend: str = "native", **options: Any) -> Path:
+def lean(parameters: ParameterSet, path: Path, backend: str = "native", references: bool = False, **options: Any
+         ) -> Path:
     """Return an FMU for this platform without pictures and references.
 
     A native one is compiled without optimisation; its results have the same bits.
@@ -36,7 +37,7 @@ def lean(parameters: ParameterSet, path: Path, backend: str = "native", **option
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-O0"))
         patch.setattr(figures, "response_pictures", lambda _: ())
-        return build(parameters, path, backend, [local.name] if backend == "native" else None, references=False,
+        return build(parameters, path, backend, [local.name] if backend == "native" else None, references=references,
                      **options).path
 
 

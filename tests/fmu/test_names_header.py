@@ -1,4 +1,4 @@
-"""The header with GUID and value references for a host in C, of one fin and of four, of any actuator."""
+"""The header with GUID and value references for a host in C, of any actuator with one fin and with four."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ MACRO = re.compile(r"#define \w+_VR_\w+ (\d+)u /\* (\S+): (.+) \*/")
 @pytest.mark.parametrize("fins", [1, 4])
 @pytest.mark.parametrize("model", others_slow([*NAMES, WITH_WORDS], lambda model: model in (
     "nonlinear", "second-order", "electrohydraulic", WITH_WORDS)))
-def test_it_says_what_the_model_description_says(model: str, fins: int, fmi: str) -> None:
+def test_header_agrees_with_the_model_description(model: str, fins: int, fmi: str) -> None:
     unit, chosen = FmuInterface(fins, model), FORMATS[fmi]
     starts = start_values(unit, [load_parameters(model=model).values] * fins)
     guid = interface_guid(starts, unit, chosen)
     text = names_header(unit, guid, chosen)
     described = model_description(chosen, unit, starts, guid)
-    found = {name: (int(place), said) for place, name, said in MACRO.findall(text)}
+    macros = {name: (int(reference), properties) for reference, name, properties in MACRO.findall(text)}
     expected = {}
     for variable in described.find("ModelVariables") or ():
         typed = variable[0] if fmi == "2" else variable
@@ -41,7 +41,7 @@ def test_it_says_what_the_model_description_says(model: str, fins: int, fmi: str
         shape = " x ".join(d.attrib["start"] for d in variable.findall("Dimension"))
         words = (variable.attrib["causality"], kind, typed.attrib.get("unit"), shape and f"{shape} values")
         expected[variable.attrib["name"]] = int(variable.attrib["valueReference"]), ", ".join(filter(None, words))
-    assert found == expected
+    assert macros == expected
     prefix = unit.model.upper()
     assert f'#define {prefix}_{"TOKEN" if chosen.is_3 else "GUID"} "{guid}"' in text
     assert f'#define {prefix}_MODEL "{unit.model}"' in text
@@ -49,13 +49,13 @@ def test_it_says_what_the_model_description_says(model: str, fins: int, fmi: str
     assert len(names) == len(set(names)) == len(expected) + 3  # guard, model and GUID
 
 
-def test_names_of_one_fin_and_of_four() -> None:
+def test_macros_of_one_fin_and_of_four() -> None:
     one, four = (names_header(FmuInterface(fins), "{}", FORMATS["2"]) for fins in (1, 4))
     assert "#define EMCAS_VR_FIN_COMMAND 0u /* fin_command: input, Real, rad */" in one
     assert re.search(r"#define EMCAS4_VR_FIN_2_FIN_ANGLE \d+u /\* fin\[2\]\.fin_angle: output, Real, rad \*/", four)
 
 
-def test_c_and_cpp_take_both_in_one_program(tmp_path: Path) -> None:
+def test_c_and_cpp_programs_can_include_both_headers(tmp_path: Path) -> None:
     for fins, name in ((1, "EMCAS"), (4, "EMCAS4")):
         (tmp_path / f"{name}.h").write_text(names_header(FmuInterface(fins), "{x}", FORMATS["2"]), encoding="utf-8")
     (tmp_path / "both.c").write_text(
@@ -63,6 +63,6 @@ def test_c_and_cpp_take_both_in_one_program(tmp_path: Path) -> None:
         "const unsigned both[] = {EMCAS_VR_FIN_ANGLE, EMCAS4_VR_FIN_4_FIN_ANGLE};\n"
         "const char *const guid = EMCAS_GUID;\n", encoding="utf-8")
     for language in (STRICT, ("-x", "c++", *STRICT[1:])):
-        made = subprocess.run([tool("gcc", "gcc"), *language, "-c", "both.c", "-o", "both.o"], cwd=tmp_path,
+        done = subprocess.run([tool("gcc", "gcc"), *language, "-c", "both.c", "-o", "both.o"], cwd=tmp_path,
                               capture_output=True, text=True)
-        assert made.returncode == 0, made.stderr
+        assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""The sources in an FMU for a program of the user's: names, standards of C, what they need of a C library."""
+"""The C sources in an FMU, for use in a user's program: names, standard of C, and required library functions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import subprocess
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import fmpy
 import pytest
@@ -22,11 +21,11 @@ from tests.marks import slow
 from .built import lean
 
 C99 = ("-std=c99", *STRICT[1:], "-include", "plain.h")
-# Debian's C library defines static assertions in C99, too; others do not.
+# Unlike other C libraries, Debian's defines _Static_assert in C99.
 PLAIN = "#include <sys/cdefs.h>\n#undef _Static_assert\n"
-MATHEMATICS = {"floor", "sqrt", "fabs"}  # exact in every library; sqrt and fabs are instructions as a rule
-MEMORY = {"memcpy", "memmove", "memset", "memcmp"}  # that every C compiler needs, also without a C library
-TEXT = {"strcmp", "strlen", "strncat", "vsnprintf"}  # of log messages and names
+MATHEMATICS = {"floor", "sqrt", "fabs"}  # exact in every library; sqrt and fabs are usually instructions
+MEMORY = {"memcpy", "memmove", "memset", "memcmp"}  # required by every C compiler, also without a C library
+TEXT = {"strcmp", "strlen", "strncat", "vsnprintf"}  # for log messages and names
 CORE = """
 #define FINS 1
 #include "multi_fin.h"
@@ -48,13 +47,12 @@ core_result run(multi_fin_state *s, const double *p, double end, const double *i
 @pytest.fixture(scope="module", params=["2", pytest.param("3", marks=pytest.mark.slow)])
 def fmi(request: pytest.FixtureRequest) -> str:
     """A version of FMI."""
-    found: str = request.param
-    return found
+    return str(request.param)
 
 
 @pytest.fixture(scope="module")
-def place(fmi: str, shipped_unit: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the sources of an FMU, and in `headers` those of the standard."""
+def sources(fmi: str, shipped_unit: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the sources of an FMU; its subfolder `headers` has the headers of FMI."""
     folder = tmp_path_factory.mktemp("sources")
     with zipfile.ZipFile(shipped_unit(fmi=fmi)) as archive:
         for name in filter(lambda name: name.startswith("sources/"), archive.namelist()):
@@ -65,24 +63,24 @@ def place(fmi: str, shipped_unit: Callable[..., Path], tmp_path_factory: pytest.
     return folder
 
 
-def symbols(place: Path, compiler: str, source: str, *flags: str) -> dict[str, set[str]]:
-    """Names by their type in the object (of nm): U are undefined, T are functions for others."""
-    command = [tool(compiler, compiler), *C99, "-Iheaders", *flags, "-c", source, "-o", "made.o"]
-    made = subprocess.run(command, cwd=place, capture_output=True, text=True)
-    assert made.returncode == 0, made.stderr
-    listed = subprocess.run([tool("nm", "binutils"), "made.o"], cwd=place, capture_output=True, text=True, check=True)
-    found: dict[str, set[str]] = {}
-    for line in listed.stdout.splitlines():
+def symbols(folder: Path, compiler: str, source: str, *flags: str) -> dict[str, set[str]]:
+    """Compile a source, and return names by the type that `nm` prints: U is undefined, T is an exported function."""
+    command = [tool(compiler, compiler), *C99, "-Iheaders", *flags, "-c", source, "-o", "source.o"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    lines = subprocess.run([tool("nm", "binutils"), "source.o"], cwd=folder, capture_output=True, text=True, check=True)
+    names: dict[str, set[str]] = {}
+    for line in lines.stdout.splitlines():
         kind, name = line.split()[-2:]
-        found.setdefault(kind, set()).add(name)
-    return found
+        names.setdefault(kind, set()).add(name)
+    return names
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 @pytest.mark.parametrize("flags", [("-O0",), pytest.param(("-O2", "-ffreestanding"), marks=pytest.mark.slow)])
-def test_c99_and_what_it_needs_of_a_library(place: Path, fmi: str, compiler: str, flags: tuple[str, ...]) -> None:
-    """Functions have the identifier as prefix; there is no variable, only constants."""
-    found = symbols(place, compiler, f"fmi{fmi}.c", "-fno-pic", *flags)
+def test_c99_code_needs_few_library_functions(sources: Path, fmi: str, compiler: str, flags: tuple[str, ...]) -> None:
+    """Exported functions have the identifier as prefix; there are constants but no variables."""
+    found = symbols(sources, compiler, f"fmi{fmi}.c", "-fno-pic", *flags)
     assert {"calloc", "free", "memcpy", "vsnprintf"} <= found["U"] <= {"calloc", "free"} | MATHEMATICS | MEMORY | TEXT
     assert f"EMCAS_fmi{fmi}DoStep" in found["T"]
     assert {name for name in found["T"] if not name.startswith(f"EMCAS_fmi{fmi}")} == set()
@@ -90,28 +88,25 @@ def test_c99_and_what_it_needs_of_a_library(place: Path, fmi: str, compiler: str
 
 
 @pytest.mark.parametrize("compiler", ["gcc", *slow("clang")])
-def test_the_core_needs_no_library_but_three_functions(place: Path, compiler: str) -> None:
-    found = symbols(place, compiler, "core.c", "-O1", "-ffreestanding", "-Wno-unused-function")
+def test_the_core_needs_only_three_mathematical_functions(sources: Path, compiler: str) -> None:
+    found = symbols(sources, compiler, "core.c", "-O1", "-ffreestanding", "-Wno-unused-function")
     assert "memcpy" in found["U"]
     assert found["U"] - {"_GLOBAL_OFFSET_TABLE_"} <= MATHEMATICS | MEMORY
 
 
 @pytest.mark.parametrize("flag", ["-D{}_OVERRIDE_FUNCTION_PREFIX", "-D{}_FUNCTION_PREFIX=",
                                   "-D{}_FUNCTION_PREFIX=Own_"])
-def test_the_compiler_chooses_the_prefix(place: Path, fmi: str, flag: str) -> None:
-    """As the standard's headers have it: none for a shared library; one that the compiler has is used."""
-    found = symbols(place, "gcc", f"fmi{fmi}.c", "-O0", flag.format(f"FMI{fmi}"))
+def test_compiler_option_sets_the_prefix_of_functions(sources: Path, fmi: str, flag: str) -> None:
+    """The options are those of the standard's headers; the first is for a shared library, without prefix."""
+    found = symbols(sources, "gcc", f"fmi{fmi}.c", "-O0", flag.format(f"FMI{fmi}"))
     assert f"{'Own_' if 'Own' in flag else ''}fmi{fmi}DoStep" in found["T"]
 
 
 @pytest.mark.parametrize(("backend", "fmi"), [("python", "2"), ("native", "2"), ("native", "3")])
 def test_the_identifier_names_library_and_header(tmp_path: Path, backend: str, fmi: str) -> None:
-    """The model keeps its name, by which tools know it."""
+    """The model's name, which tools show, remains."""
     path = tmp_path / "unit.fmu"
-    if backend == "native":
-        lean(load_parameters(), path, fmi=fmi, identifier="Rudder_2")
-    else:
-        build(load_parameters(), path, backend, references=False, identifier="Rudder_2")
+    lean(load_parameters(), path, backend, fmi=fmi, identifier="Rudder_2")
     assert validate_fmu(str(path)) == []
     description = fmpy.read_model_description(str(path))
     assert (description.coSimulation.modelIdentifier, description.modelName) == ("Rudder_2", "EMCAS")
@@ -125,20 +120,19 @@ def test_the_identifier_names_library_and_header(tmp_path: Path, backend: str, f
             assert archive.read("sources/buildDescription.xml").decode().count('modelIdentifier="Rudder_2"') == 3
 
 
-@pytest.mark.parametrize(("identifier", "said"), [
+@pytest.mark.parametrize(("identifier", "message"), [
     ("", "not a C identifier"), ("2nd", "not a C identifier"), ("a-b", "not a C identifier"), ("Größe", "not a C"),
     ("a" * 65, "1 to 64"), ("core", r"core\.h is one of"), ("Math", r"Math\.h is one of"),
     ("fmi2Functions", "is one of")])
-def test_what_cannot_be_an_identifier(tmp_path: Path, identifier: str, said: str) -> None:
-    """A header of its name would be included instead of another, on some systems in other case, too."""
-    options: dict[str, Any] = {"identifier": identifier, "references": False}
-    with pytest.raises(EmcasError, match=said) as raised:
-        build(load_parameters(), tmp_path / "unit.fmu", "native", **options)
+def test_bad_identifier_is_refused(tmp_path: Path, identifier: str, message: str) -> None:
+    """It is not in C, or its header would be included instead of another, perhaps only where case is ignored."""
+    with pytest.raises(EmcasError, match=message) as raised:
+        build(load_parameters(), tmp_path / "unit.fmu", "native", identifier=identifier, references=False)
     assert "\n" not in str(raised.value)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_definition_for_a_shared_library_is_optional(place: Path, fmi: str) -> None:
-    text = (place / "buildDescription.xml").read_text(encoding="utf-8")
+def test_build_description_lists_the_definition_for_a_shared_library_as_optional(sources: Path, fmi: str) -> None:
+    text = (sources / "buildDescription.xml").read_text(encoding="utf-8")
     assert set(re.findall(r'PreprocessorDefinition name="(\w+)" optional="(\w+)"', text)) == {
         (f"FMI{fmi}_OVERRIDE_FUNCTION_PREFIX", "true")}

@@ -1,4 +1,4 @@
-"""Torque out as FMUs: valid, the same from both back ends and in FMI 3.0, a state restored, reset as fresh."""
+"""FMUs with `--interface torque`: the host moves the fin, the FMU returns the actuator's torque."""
 
 from __future__ import annotations
 
@@ -19,37 +19,33 @@ from typer.testing import CliRunner
 
 from emcas_fmu.actuators import NONLINEAR
 from emcas_fmu.cli import app
-from emcas_fmu.fmi import figures
-from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from tests.extensions.test_torque import PARTS, coupled, restoring, steps
 
 from .built import lean
 
 pytestmark = pytest.mark.fmu
-STEP, STOP = 7e-4, 0.21  # does not divide the sample time
+STEP, STOP = 7e-4, 0.21  # s; the step does not divide the sample time
 INERTIA = sum(load_parameters().values[name] for name in PARTS)
 
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
-    folder, parameters = tmp_path_factory.mktemp("torque"), load_parameters()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(figures, "response_pictures", lambda _: ())
-        python = build(parameters, folder / "python.fmu", interface="torque").path
-    return {"python": python, **{name: lean(parameters, folder / f"{name}.fmu", interface="torque", fmi=fmi)
-                                 for name, fmi in (("native", "2"), ("3", "3"))}}
+    """Files by back end, "3" for the native one in FMI 3.0."""
+    folder = tmp_path_factory.mktemp("torque")
+    return {name: lean(load_parameters(), folder / f"{name}.fmu", backend, references=True, interface="torque", fmi=fmi)
+            for name, backend, fmi in (("python", "python", "2"), ("native", "native", "2"), ("3", "native", "3"))}
 
 
-class Hosted:
-    """An FMU and a fin that semi-implicit Euler moves."""
+class Host:
+    """A host that moves the fin by semi-implicit Euler with the torque of an FMU."""
 
     def __init__(self, path: Path) -> None:
         described = fmpy.read_model_description(str(path))
         self.fmu: Any = fmpy.instantiate_fmu(fmpy.extract(str(path)), described, "CoSimulation")
         self.is_3 = isinstance(self.fmu, FMU3Slave)
         assert self.is_3 or isinstance(self.fmu, FMU2Slave)
-        self.of = {v.name: v.valueReference for v in described.modelVariables}
+        self.references = {v.name: v.valueReference for v in described.modelVariables}
         self.get, self.set = ((self.fmu.getFloat64, self.fmu.setFloat64) if self.is_3
                               else (self.fmu.getReal, self.fmu.setReal))
         self.begin()
@@ -60,13 +56,13 @@ class Hosted:
         self.fmu.enterInitializationMode()
         self.fmu.exitInitializationMode()
         self.angle = self.rate = 0.0
-        self.inertia = INERTIA + self.get([self.of["armature"]])[0]
+        self.inertia = INERTIA + self.get([self.references["armature"]])[0]
 
     def step(self, k: int) -> float:
         inputs = {"fin_command": steps(k * STEP), "hinge_angle": self.angle, "hinge_rate": self.rate}
-        self.set([self.of[name] for name in inputs], list(inputs.values()))
+        self.set([self.references[name] for name in inputs], list(inputs.values()))
         self.fmu.doStep(currentCommunicationPoint=k * STEP, communicationStepSize=STEP)
-        torque: float = self.get([self.of["actuator_torque"]])[0]
+        torque: float = self.get([self.references["actuator_torque"]])[0]
         self.rate += STEP * ((torque + restoring(0.0, self.angle, self.rate)) / self.inertia)
         self.angle += STEP * self.rate
         return torque
@@ -87,37 +83,38 @@ def expected() -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize("name", ["python", "native", "3"])
-def test_of_every_kind(name: str, files: Mapping[str, Path], expected: NDArray[np.float64]) -> None:
-    """Valid, and with the bits of the core; after a reset again."""
+def test_torque_and_angle_have_the_bits_of_the_core(name: str, files: Mapping[str, Path], expected: NDArray[np.float64]
+                                                    ) -> None:
+    """Also after a reset."""
     assert validate_fmu(str(files[name])) == []
-    hosted = Hosted(files[name])
-    assert np.array_equal(hosted.run(), expected)
-    hosted.fmu.reset()
-    hosted.begin()
-    assert np.array_equal(hosted.run(), expected)
-    hosted.end()
+    host = Host(files[name])
+    assert np.array_equal(host.run(), expected)
+    host.fmu.reset()
+    host.begin()
+    assert np.array_equal(host.run(), expected)
+    host.end()
     assert np.degrees(np.ptp(expected[:, 1])) > 5.0
 
 
 @pytest.mark.parametrize("name", ["python", "native"])
-def test_a_step_may_be_repeated(name: str, files: Mapping[str, Path]) -> None:
-    """With the state restored, as co-simulation masters do that iterate."""
-    hosted = Hosted(files[name])
+def test_steps_from_a_restored_state_are_equal(name: str, files: Mapping[str, Path]) -> None:
+    """Iterating co-simulation masters repeat steps."""
+    host = Host(files[name])
     for k in range(60):
-        hosted.step(k)
-    kept, state = (hosted.angle, hosted.rate), hosted.fmu.getFMUState()
-    first = [hosted.step(k) for k in range(60, 100)]
-    hosted.fmu.setFMUState(state)
-    hosted.angle, hosted.rate = kept
-    assert [hosted.step(k) for k in range(60, 100)] == first
+        host.step(k)
+    angle, rate, state = host.angle, host.rate, host.fmu.getFMUState()
+    first = [host.step(k) for k in range(60, 100)]
+    host.fmu.setFMUState(state)
+    host.angle, host.rate = angle, rate
+    assert [host.step(k) for k in range(60, 100)] == first
     assert np.ptp(first) > 1.0
-    hosted.fmu.freeFMUState(state)
-    hosted.end()
+    host.fmu.freeFMUState(state)
+    host.end()
 
 
 @pytest.mark.parametrize("name", ["python", "native", "3"])
-def test_interface(name: str, files: Mapping[str, Path]) -> None:
-    """Load and motion of the vehicle are the host's; the terminal `hinge` has what passes between both."""
+def test_inputs_terminal_and_page(name: str, files: Mapping[str, Path]) -> None:
+    """Load and vehicle motion are no inputs; the terminal `hinge` groups the signals between host and FMU."""
     described = fmpy.read_model_description(str(files[name]))
     inputs = {v.name for v in described.modelVariables if v.causality == "input"}
     assert inputs == {"fin_command", "supply_voltage", "enable", "hinge_angle", "hinge_rate"}
@@ -138,14 +135,14 @@ def test_interface(name: str, files: Mapping[str, Path]) -> None:
     (["--interface", "torque", "--fins", "4"], "interface torque is for a single fin"),
     (["--interface", "torque", "--model", "elastic"], "torque needs a rigid drive line; elastic has none"),
 ])
-def test_refusals(arguments: list[str], message: str, tmp_path: Path) -> None:
+def test_interface_that_cannot_be_built_is_refused(arguments: list[str], message: str, tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["build", *arguments, "-o", str(tmp_path / "x.fmu")])
     assert done.exit_code == 2
     assert message in " ".join(done.output.split())
     assert not list(tmp_path.iterdir())
 
 
-def test_other_commands_are_for_the_whole() -> None:
+def test_simulate_refuses_the_torque_interface() -> None:
     done = CliRunner().invoke(app, ["simulate", "--model", f"{NONLINEAR}+torque", "--step", "10"])
     assert done.exit_code == 2
     assert "leave +torque out; an output torque exists only as an FMU: emcas build --interface torque" in " ".join(

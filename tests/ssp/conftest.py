@@ -1,4 +1,4 @@
-"""An archive of the shipped parameters, and ways to spoil it."""
+"""SSP archives of the shipped parameters, and a function that edits a copy."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Edit = Callable[..., Path]
 
 
 def emcas(*arguments: str | Path, code: int = 0) -> str:
-    """What `emcas ssp` prints, in one line; it has to end with `code`."""
+    """Run `emcas ssp` and return its output in one line; the exit code must be `code`."""
     done = CliRunner().invoke(app, ["ssp", *map(str, arguments)])
     assert done.exit_code == code, done.output
     assert "Traceback" not in done.output
@@ -26,38 +26,42 @@ def emcas(*arguments: str | Path, code: int = 0) -> str:
 
 
 def valid_documents(ssp: Path) -> int:
-    """How many structures and parameter sets an archive has; all have to be valid."""
-    documents = {name: data for name, data in read_archive(ssp).items() if name.endswith((".ssd", ".ssv"))}
-    for name, data in documents.items():
+    """Validate all structures and parameter sets of an archive, and return their number."""
+    documents = [(name, data) for name, data in read_archive(ssp).items() if name.endswith((".ssd", ".ssv"))]
+    for name, data in documents:
         assert violations(parse(data, name), SSD if name.endswith(".ssd") else SSV) == []
     return len(documents)
 
 
 @pytest.fixture(scope="session")
 def ssp(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """EMCAS.ssp of the native FMU for this platform."""
+    """EMCAS.ssp with the native FMU for this platform."""
     return write_ssp(tmp_path_factory.mktemp("ssp") / "EMCAS.ssp", native, variant_files=variant_files([])).path
 
 
 @pytest.fixture(scope="session")
-def wired(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same with connectors of the system."""
+def wired_ssp(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same archive in which the system has connectors, wired to those of the components."""
     target = tmp_path_factory.mktemp("wired") / "EMCAS.ssp"
     return write_ssp(target, native, variant_files=variant_files([]), border=True).path
 
 
 @pytest.fixture
-def edited(wired: Path, tmp_path: Path) -> Edit:
-    """A copy of `wired` with text of a file replaced, everywhere it stands there: edited(file, old, new, ...)."""
-    def edit(file: str, *pairs: str) -> Path:
-        contents = read_archive(wired)
-        text = re.sub(r">\s+<", "><", contents[file].decode())
-        for old, new in zip(pairs[::2], pairs[1::2]):
-            assert old in text, old
-            text = text.replace(old, new)
-        contents[file] = text.encode()
+def edit(wired_ssp: Path, tmp_path: Path) -> Edit:
+    """Function that replaces texts in a file of a copy of `wired_ssp`: edit(file, old, new, ...)."""
+    def copy(file: str, *pairs: str) -> Path:
+        contents = read_archive(wired_ssp)
+        contents[file] = replaced(re.sub(r">\s+<", "><", contents[file].decode()), *pairs).encode()
         target = tmp_path / "edited.ssp"
         write_archive(contents, target)
         return target
 
-    return edit
+    return copy
+
+
+def replaced(text: str, *pairs: str) -> str:
+    """Return the text after replacements; each old text must occur."""
+    for old, new in zip(pairs[::2], pairs[1::2]):
+        assert old in text, old
+        text = text.replace(old, new)
+    return text

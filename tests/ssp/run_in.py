@@ -1,9 +1,10 @@
-"""`python -m tests.ssp.run_in HOST SSP VARIANT MODE` prints what an archive does in a host.
+"""`python -m tests.ssp.run_in HOST SSP VARIANT MODE` runs an archive in a host and prints results.
 
-Modes: ``open`` sets inputs of its own; ``loop`` gives fin 2 what fin 1's angle was at the end of the step before;
-``wired`` leaves that to the archive: the outputs of every step as CSV. ``plain`` is what the host makes of the file by
-itself: some parameters of each fin; Ecos is asked for the parameter set VARIANT, or ``-``. Exit code 77: the host is
-not installed.
+In the modes ``open``, ``loop`` and ``wired`` it prints the outputs of every step as CSV. With ``open`` each fin has its
+own command; with ``loop`` the command of fin 2 is the angle of fin 1 after the previous step; with ``wired`` a
+connection of the archive does the same. With ``plain`` the host opens the file without the example's code, and some
+parameters of each fin are printed; VARIANT is the parameter set for Ecos, or ``-``. Exit code 77: the host is not
+installed.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ def trajectory(host: str, ssp: str, variant: str, mode: str) -> None:
 
 
 def plain_libcosim(ssp: str) -> None:
-    """Step size and parameters are those of the archive."""
+    """Print parameters in libcosim, which uses the archive's step size and parameter sets."""
     from libcosimpy.CosimExecution import CosimExecution
     from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
     from libcosimpy.CosimObserver import CosimObserver
@@ -58,7 +59,7 @@ def plain_libcosim(ssp: str) -> None:
 
 
 def plain_ecos(ssp: str, parameters: str) -> None:
-    """The parameter set must be requested."""
+    """Print parameters in Ecos, which uses a parameter set only on request."""
     from ecospy import EcosSimulation
 
     with EcosSimulation(ssp_path=ssp, step_size=1e-3) as simulation:

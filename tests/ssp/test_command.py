@@ -1,4 +1,4 @@
-"""`emcas ssp` and `emcas ssp check` as a user calls them."""
+"""The commands `emcas ssp` and `emcas ssp check`."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import pytest
 from .conftest import Edit, emcas
 
 
-def test_parameters_where_friction_was_not_tested(native: Path, tmp_path: Path) -> None:
-    """Of four fins and two variants one warning; the variant cold goes back to where it was tested."""
+def test_warning_about_the_temperature_appears_once(native: Path, tmp_path: Path) -> None:
+    """Four fins and two variants are outside the identified range; the variant cold is inside."""
     cold = tmp_path / "cold.toml"
     cold.write_text('friction.temperature = "-40 degC"\n', encoding="utf-8")
     printed = emcas("--fmu", native, "-o", tmp_path / "cold.ssp", "-p", cold)
     assert printed.count("warning: friction.temperature = -40 degC is outside") == 1
 
 
-def test_write_and_check(native: Path, tmp_path: Path) -> None:
+def test_written_archive_passes_the_check(native: Path, tmp_path: Path) -> None:
     target, fin = tmp_path / "four.ssp", tmp_path / "second.toml"
     fin.write_text('[motor]\nresistance = "0.5 Ohm"\n')
     printed = emcas("--fmu", native, "-o", target, "--layout", "plus", "--fin", f"2={fin}")
@@ -26,20 +26,19 @@ def test_write_and_check(native: Path, tmp_path: Path) -> None:
     assert "passed, 0 warnings" in emcas("check", target, "--fmu", native)
 
 
-def test_check_fails(edited: Edit, tmp_path: Path) -> None:
-    spoilt = edited("SystemStructure.ssd", 'endConnector="aero_torque"', 'endConnector="aero_torqe"')
-    printed = emcas("check", spoilt, "--json", tmp_path / "f.json", code=1)
+def test_check_of_a_wrong_archive_fails(edit: Edit, tmp_path: Path) -> None:
+    archive = edit("SystemStructure.ssd", 'endConnector="aero_torque"', 'endConnector="aero_torqe"')
+    printed = emcas("check", archive, "--json", tmp_path / "f.json", code=1)
     assert "failed, 4 errors" in printed
     findings = json.loads((tmp_path / "f.json").read_text())["findings"]
     assert "connection fin2_aero_torque -> fin2.aero_torqe" in [f["place"] for f in findings]
 
 
-def test_what_could_not_be_checked_is_said(edited: Edit) -> None:
-    spoilt = edited("SystemStructure.ssd", 'kind="input"', 'kind="inlet"')
-    printed = emcas("check", spoilt, code=1)
+def test_output_names_the_files_that_were_not_checked(edit: Edit) -> None:
+    printed = emcas("check", edit("SystemStructure.ssd", 'kind="input"', 'kind="inlet"'), code=1)
     assert "not checked until these errors are corrected: wiring and parameters of SystemStructure.ssd" in printed
     assert "variants cold, degraded" in printed
-    assert "not checked" not in emcas("check", edited("SystemStructure.ssd"))
+    assert "not checked" not in emcas("check", edit("SystemStructure.ssd"))
 
 
 @pytest.mark.parametrize(("arguments", "expected"), [
@@ -54,7 +53,8 @@ def test_what_could_not_be_checked_is_said(edited: Edit) -> None:
     (["--variant", "hot=a.toml"], "a.toml: cannot be read"),
     (["-p", "a.toml"], "a.toml: cannot be read"),
 ])
-def test_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], expected: str) -> None:
+def test_wrong_arguments_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str],
+                                     expected: str) -> None:
     monkeypatch.chdir(tmp_path)
     assert expected in emcas(*arguments, code=2)
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""Archives of a model with options: own variables, enumerations, variants of faults, and what each host makes of it."""
+"""Archives of an actuator with extensions: further variables, enumerations and faults, in each host."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.hosts.host import difference
 from tests.marks import others_slow
 
 from .conftest import emcas, valid_documents
-from .test_hosts import OTHERS, ROOT, SAME, printed, run
+from .test_hosts import OTHERS, ROOT, SAME, output, run
 
 pytestmark = pytest.mark.fmu
 MODEL = "nonlinear+homing+faults"
@@ -39,39 +39,38 @@ active = true
 
 @pytest.fixture(scope="module")
 def unit(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The native FMU of the model, for this platform, whose fins stand known at zero."""
+    """The native FMU for this platform; it needs no homing run."""
     folder = tmp_path_factory.mktemp("options")
-    (folder / "known.toml").write_text("[homing]\nrequired = false\n", encoding="utf-8")
-    known = load_parameters(folder / "known.toml", model=MODEL)
-    return lean(known, folder / "unit.fmu")
+    (folder / "homed.toml").write_text("[homing]\nrequired = false\n", encoding="utf-8")
+    return lean(load_parameters(folder / "homed.toml", model=MODEL), folder / "unit.fmu")
 
 
 @pytest.fixture(scope="module")
 def archive(unit: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An archive with a variant in which fin 2 is jammed for a while and fin 3 has no drive."""
+    """An archive with a variant in which fin 2 jams for 0.15 s and the drive of fin 3 has failed."""
     folder = tmp_path_factory.mktemp("archive")
     (folder / "jammed.toml").write_text(JAMMED, encoding="utf-8")
     files = variant_files([f"jammed={folder / 'jammed.toml'}"])
     return write_ssp(folder / "own.ssp", unit, variant_files=files).path
 
 
-def test_own_variables_are_connectors_of_their_types(archive: Path) -> None:
-    """The FMU determines the model. Items of enumerations are in the structure, under the name connectors give."""
-    read = read_variant(archive, "jammed")
+def test_variables_of_extensions_are_connectors_with_their_types(archive: Path) -> None:
+    """The structure contains the items of the enumeration `status`."""
+    variant = read_variant(archive, "jammed")
     actuator = get(MODEL)
-    assert {(fin, c.name, c.kind, c.type) for (fin, _), c in read.connectors.items()} == {
-        (fin, v.name, v.causality, v.kind) for fin in read.sources for v in actuator.inputs + actuator.outputs}
-    assert read.connectors["fin4", "home"].kind == "input"
+    assert {(fin, c.name, c.kind, c.type) for (fin, _), c in variant.connectors.items()} == {
+        (fin, v.name, v.causality, v.kind) for fin in variant.sources for v in actuator.inputs + actuator.outputs}
+    assert variant.connectors["fin4", "home"].kind == "input"
     assert valid_documents(archive)
     root = parse(read_archive(archive)["SystemStructure.ssd"], "")
     prefixes = {node.get("name"): node.prefix for node in root.iter(f"{{{SSD}}}Connector")}
     assert {name for name, prefix in prefixes.items() if prefix == "enumeration"} == {"status"}
-    (listed,) = root.iterfind(f"{{{SSD}}}Enumerations/{{{SSC}}}Enumeration")
-    assert listed.get("name") == "status"
-    assert [(i.get("name"), i.get("value")) for i in listed][3] == ("operational", "4")
+    (enumeration,) = root.iterfind(f"{{{SSD}}}Enumerations/{{{SSC}}}Enumeration")
+    assert enumeration.get("name") == "status"
+    assert [(i.get("name"), i.get("value")) for i in enumeration][3] == ("operational", "4")
 
 
-def test_a_variant_of_faults(archive: Path) -> None:
+def test_variant_has_the_faults_of_each_fin(archive: Path) -> None:
     values = read_variant(archive, "jammed").values
     assert values["fin2", "fault.jam.end"] == 0.2
     assert values["fin1", "fault.jam.end"] == 0.0
@@ -85,11 +84,11 @@ def expected(archive: Path) -> dict[str, Any]:
     return run("fmpy", archive, "jammed")
 
 
-def test_faults_show_in_the_system(expected: dict[str, Any]) -> None:
-    words = {i: [row[k] for k in (40, 100, 240) for row in [expected[f"fin{i}.fault_word"]]] for i in (1, 2, 3)}
+def test_faults_affect_their_fins_only(expected: dict[str, Any]) -> None:
+    words = {i: [expected[f"fin{i}.fault_word"][k] for k in (40, 100, 240)] for i in (1, 2, 3)}
     assert words == {1: [0, 0, 0], 2: [0, 1, 0], 3: [8, 8, 8]}
-    stuck = expected["fin2.motor_angle"][60:190]
-    assert max(stuck) == min(stuck)
+    angles = expected["fin2.motor_angle"][60:190]
+    assert max(angles) == min(angles)
     assert set(expected["fin1.status"][:249]) == {4.0}
     assert expected["fin1.status"][-1] == 1.0  # disabled at the end
     assert expected["fin1.homed"][0] == 1.0
@@ -97,37 +96,38 @@ def test_faults_show_in_the_system(expected: dict[str, Any]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("host", OTHERS)
-def test_the_same_in_the_other_hosts(host: str, archive: Path, expected: dict[str, Any]) -> None:
-    """But for enumerations, which neither knows."""
-    found = run(host, archive, "jammed")
+def test_outputs_in_the_other_hosts_equal_fmpys(host: str, archive: Path, expected: dict[str, Any]) -> None:
+    """The other hosts have no enumerations."""
+    outputs = run(host, archive, "jammed")
     states = {f"fin{i}.status" for i in range(1, 5)}
-    assert set(expected) - set(found) == states
-    assert difference({name: values for name, values in expected.items() if name not in states}, found) < SAME
+    assert set(expected) - set(outputs) == states
+    assert difference({name: values for name, values in expected.items() if name not in states}, outputs) < SAME
 
 
-def test_enumerations_under_the_usual_prefix(archive: Path, expected: dict[str, Any], tmp_path: Path) -> None:
-    """Over which libcosim would end the process; the check says so."""
+def test_check_warns_of_enumerations_that_libcosim_cannot_read(archive: Path, expected: dict[str, Any], tmp_path: Path
+                                                               ) -> None:
+    """libcosim alone would end the process at an enumeration connector with the prefix `ssd`; the example does not."""
     contents = read_archive(archive)
     for name in list(contents):
         if name.endswith(".ssd"):
             contents[name] = contents[name].replace(b"enumeration:Connector", b"ssd:Connector")
     write_archive(contents, tmp_path / "usual.ssp")
-    told = [f for f in check(tmp_path / "usual.ssp").warnings if f.place == "connector fin1.status"]
-    assert "at which libcosim ends the process" in told[0].message
-    found = run("libcosimpy", tmp_path / "usual.ssp", "jammed")
-    assert found["fin2.fin_angle"] == expected["fin2.fin_angle"]
+    warnings = [f for f in check(tmp_path / "usual.ssp").warnings if f.place == "connector fin1.status"]
+    assert "at which libcosim ends the process" in warnings[0].message
+    outputs = run("libcosimpy", tmp_path / "usual.ssp", "jammed")
+    assert outputs["fin2.fin_angle"] == expected["fin2.fin_angle"]
 
 
 @pytest.mark.slow
-def test_the_file_as_it_is_in_libcosim_and_ecos(archive: Path) -> None:
-    rows = [line.split()[0] for line in printed("libcosimpy", archive, "-", "plain").splitlines()]
-    assert [float(row) for row in rows] == pytest.approx([radians(a) for a in (45, 135, 225, 315)])
-    assert len(printed("ecospy", archive, "nominal", "plain").splitlines()) == 4
+def test_libcosim_and_ecos_alone_open_the_archive(archive: Path) -> None:
+    azimuths = [float(line.split()[0]) for line in output("libcosimpy", archive, "-", "plain").splitlines()]
+    assert azimuths == pytest.approx([radians(a) for a in (45, 135, 225, 315)])
+    assert len(output("ecospy", archive, "nominal", "plain").splitlines()) == 4
 
 
 @pytest.mark.parametrize("host", others_slow(hosts.HOSTS, lambda host: host == "fmpy"))
-def test_a_state_is_read_or_refused_with_a_reason(host: str, archive: Path) -> None:
-    """In a separate process: Ecos and libcosim do not end well in this one after others."""
+def test_enumeration_is_read_or_refused_with_a_reason(host: str, archive: Path) -> None:
+    """In a separate process, because Ecos and libcosim may crash at the end of a process that has used others."""
     program = ("import sys; from pathlib import Path; from examples.ssp_hosts import hosts\n"
                "from emcas_fmu.ssp.archive import SspError\n"
                f"try:\n  system = hosts.open(Path({str(archive)!r}), {host!r})\n"
@@ -142,7 +142,8 @@ def test_a_state_is_read_or_refused_with_a_reason(host: str, archive: Path) -> N
     assert ("state 4 int" if host == "fmpy" else "has no enumerations") in done.stdout
 
 
-def test_the_command_and_its_refusals(unit: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fmu_of_a_wrong_or_unknown_model_is_refused(unit: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+                                                    ) -> None:
     monkeypatch.chdir(tmp_path)
     assert f"its model is {MODEL}, but nonlinear+faults is requested" in emcas(
         "--fmu", unit, "--model", "nonlinear+faults", code=2)
@@ -158,15 +159,15 @@ def test_the_command_and_its_refusals(unit: Path, tmp_path: Path, monkeypatch: p
     assert write_ssp(tmp_path / "a.ssp", unit, model=MODEL).report.findings == ()
 
 
-def test_without_an_fmu_one_of_the_model_is_built(tmp_path: Path, unit: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
+def test_command_builds_an_fmu_of_the_model(tmp_path: Path, unit: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    models = []
 
-    def instead(parameters: Any, output: Path, *_: Any, **__: Any) -> Any:
-        asked.append(parameters.model)
+    def build(parameters: Any, output: Path, *_: Any, **__: Any) -> Any:
+        models.append(parameters.model)
         output.write_bytes(unit.read_bytes())
         return type("Built", (), {"path": output})
 
-    monkeypatch.setattr("emcas_fmu.ssp.write.build", instead)
+    monkeypatch.setattr("emcas_fmu.ssp.write.build", build)
     emcas("--model", "nonlinear+faults+homing", "-o", tmp_path / "a.ssp")
-    assert asked == [MODEL]
+    assert models == [MODEL]
     assert "resources/EMCAS_homing_faults.fmu" in read_archive(tmp_path / "a.ssp")
