@@ -57,7 +57,7 @@ DEFINE_CALLS(reals, Real, double)
 DEFINE_CALLS(integers, Integer, int32_t)
 DEFINE_CALLS(booleans, Boolean, int32_t)
 
-/* What FMI 3.0 has not: derivatives of inputs. */
+/* Only in FMI 2.0: derivatives of inputs. */
 static void special(bytes *b, instance *m, uint32_t *vr, size_t n)
 {
     fmi2Real rates[3] = {0.0};

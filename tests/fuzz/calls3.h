@@ -18,7 +18,7 @@ static void logger(fmi3InstanceEnvironment environment, fmi3Status status, fmi3S
     if (!category || !message || strlen(message) >= MESSAGE) abort();
 }
 
-/* Two in three with event mode, every second of these with early return. */
+/* Two thirds with event mode, half of these with early return. */
 static instance *make(const char *name, const char *token, int logging, int kind)
 {
     if (kind == 7) return fmi3InstantiateModelExchange(name, token, NULL, 0, logging, NULL, logger);
@@ -46,7 +46,7 @@ static int do_step(instance *m, double time, double size)
     return status;
 }
 
-/* As many values as the variables have elements, or some other number. */
+/* The number of the variables' elements, or sometimes a wrong number. */
 static size_t elements(const uint32_t *vr, size_t n, uint8_t any)
 {
     size_t count = any % 5;
@@ -74,7 +74,7 @@ DEFINE_CALLS(reals, Float64, double)
 DEFINE_CALLS(integers, Int32, int32_t)
 DEFINE_CALLS(booleans, Boolean, int32_t)
 
-/* What FMI 2.0 has not: event mode and the clock. */
+/* Only in FMI 3.0: event mode and the clock. */
 static void special(bytes *b, instance *m, uint32_t *vr, size_t n)
 {
     bool flags[5], clocks[3] = {byte(b) < 200, byte(b) < 200, byte(b) < 200};

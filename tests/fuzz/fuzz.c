@@ -1,9 +1,8 @@
-/* Arbitrary calls, values and state bytes against the native unit's functions.
+/* Calls the native FMU's functions with random values and random bytes of states.
  *
- * Compiled together with the unit itself, so that its state can be looked into. What must hold
- * after every call: no sanitizer report, and a finite state. Built for libFuzzer, or with
- * -DSTANDALONE as a program that makes its own bytes: fuzz SECONDS SEED. A version of FMI
- * comes in as unit.c, its source, and calls.h, which is calls2.h or calls3.h.
+ * After every call the state must be finite, and no sanitizer may report an error. The FMU's source (unit.c) is
+ * included, so that its state can be read; calls.h is calls2.h or calls3.h. Built for libFuzzer, or with -DSTANDALONE
+ * as a program that generates its own bytes: fuzz SECONDS SEED.
  */
 #include "unit.c"
 
@@ -26,7 +25,7 @@ static void fill(bytes *b, void *target, size_t size)
     for (size_t i = 0; i < size; ++i) out[i] = byte(b);
 }
 
-/* Mostly what a host would set, sometimes anything. */
+/* Mostly a usual number, sometimes any bits. */
 static double number(bytes *b)
 {
     static const double odd[] = {0.0, -0.0, 1.0, -1.0, 1e-300, 1e300, -1e300, 4.9e-324, HUGE_VAL, -HUGE_VAL, NAN,
@@ -52,7 +51,7 @@ static double value_for(bytes *b, size_t vr)
     return share < 0.5 ? START[vr] * (1.0 + share) : v->minimum + (v->maximum - v->minimum) * (2.0 * share - 1.0);
 }
 
-/* Steps of a communication step that keep a run short; nonsense is let through. */
+/* Sizes of steps that keep a run short, and nonsense. */
 static double step_size(bytes *b)
 {
     static const double usual[] = {1e-3, 1e-4, 3.7e-4, 2.5e-3, 7e-3, 1e-6};
@@ -64,7 +63,7 @@ static double step_size(bytes *b)
 
 #include "calls.h"
 
-/* A tick may be 20,000 times shorter than a sample: enough is enough. */
+/* Whether ticks are so short that a run would take too long. */
 static int runs_long(const instance *m)
 {
     multi_fin bound;
@@ -96,12 +95,12 @@ static void damaged_state(bytes *b, instance *m, void **state)
         const size_t at = (byte(b) | byte(b) << 8) % size;
         if (byte(b) < 128) {
             data[at] = byte(b);
-        } else { /* a whole number of the state */
+        } else { /* one of the state's doubles */
             const double any = number(b);
             memcpy(data + sizeof(state_head) + at % sizeof(model_state) / 8 * 8, &any, sizeof any);
         }
     }
-    if (byte(b) < 200) { /* with a checksum that is right, so that the contents are looked at */
+    if (byte(b) < 200) { /* with a correct checksum, so that the FMU checks the content */
         const uint64_t right = checksum(data + sizeof(state_head), sizeof(model_state));
         memcpy(data + offsetof(state_head, check), &right, sizeof right);
     }

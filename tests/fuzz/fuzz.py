@@ -1,8 +1,8 @@
-"""Fuzz the native unit's C functions with libFuzzer (Debian: clang, libclang-rt-14-dev).
+"""Fuzz the native FMU's C functions with libFuzzer (Debian: clang, libclang-rt-14-dev).
 
     python -m tests.fuzz.fuzz --seconds 600
 
-Exit code 0 if nothing was found, else that of the fuzzer, which leaves the input behind.
+Exit code 0 if no error was found, otherwise the fuzzer's, which writes the input that causes the error.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from emcas_fmu.fmi.interface import FmuInterface, start_values
 from emcas_fmu.parameters import load_parameters
 
 HERE = Path(__file__).parent
-# Whatever the unit's real one: the serialized states are made by the unit itself.
+# Any GUID: the FMU itself writes the serialized states.
 GUID = "{00000000-1111-5222-8333-444444444444}"
 SANITIZERS = "address,undefined,float-cast-overflow"
 
 
-def compiled(command: Sequence[str], sanitizers: str, folder: Path, fins: int = 1, fmi: str = "2") -> Path:
-    """The harness and the unit in one program. Raises CalledProcessError with what the compiler said."""
+def compile_fuzzer(command: Sequence[str], sanitizers: str, folder: Path, fins: int = 1, fmi: str = "2") -> Path:
+    """Compile harness and FMU into one program; raise CalledProcessError if the compiler fails."""
     unit = FmuInterface(fins)
     chosen = replace(FORMATS[fmi], clock=fmi == "3")
     starts = start_values(unit, [load_parameters().values] * fins)
@@ -54,7 +54,7 @@ def main() -> int:
         return 2
     with TemporaryDirectory() as name:
         folder = Path(name)
-        program = compiled(["clang"], f"fuzzer,{SANITIZERS}", folder, arguments.fins, arguments.fmi)
+        program = compile_fuzzer(["clang"], f"fuzzer,{SANITIZERS}", folder, arguments.fins, arguments.fmi)
         corpus = arguments.corpus or folder / "corpus"
         corpus.mkdir(exist_ok=True)
         command = [program, f"-max_total_time={arguments.seconds}", "-max_len=4000", "-timeout=20",

@@ -1,4 +1,4 @@
-"""A few seconds of fuzzing with the compiler that is there; ten minutes are `python -m tests.fuzz.fuzz`."""
+"""Fuzz for a few seconds with the system's compiler; `python -m tests.fuzz.fuzz` does so for ten minutes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from .fuzz import SANITIZERS, compiled
+from .fuzz import SANITIZERS, compile_fuzzer
 
 pytestmark = [pytest.mark.fmu, pytest.mark.skipif(sys.platform != "linux", reason="sanitizers of a Linux compiler")]
 
@@ -16,8 +16,8 @@ pytestmark = [pytest.mark.fmu, pytest.mark.skipif(sys.platform != "linux", reaso
 @pytest.mark.slow
 @pytest.mark.parametrize("fins", [1, 4])
 @pytest.mark.parametrize("fmi", ["2", "3"])
-def test_arbitrary_calls_values_and_states(tmp_path: Path, fins: int, fmi: str) -> None:
-    program = compiled(["cc", "-DSTANDALONE"], SANITIZERS, tmp_path, fins, fmi)
+def test_random_calls_values_and_states_cause_no_error(tmp_path: Path, fins: int, fmi: str) -> None:
+    program = compile_fuzzer(["cc", "-DSTANDALONE"], SANITIZERS, tmp_path, fins, fmi)
     done = subprocess.run([program, "5", "20160101"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     runs, *_ = done.stdout.split()
@@ -26,9 +26,8 @@ def test_arbitrary_calls_values_and_states(tmp_path: Path, fins: int, fmi: str) 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fmi", ["2", "3"])
-def test_the_harness_finds_what_is_broken(tmp_path: Path, fmi: str) -> None:
-    """Without the checks of the state, damaged bytes must be detected."""
-    program = compiled(["cc", "-DSTANDALONE"], SANITIZERS, tmp_path, fmi=fmi)
+def test_fuzzer_detects_a_missing_check_of_states(tmp_path: Path, fmi: str) -> None:
+    program = compile_fuzzer(["cc", "-DSTANDALONE"], SANITIZERS, tmp_path, fmi=fmi)
     source = tmp_path / "states.h"
     text = source.read_text(encoding="utf-8")
     check = "const char *reason = unsound(m, &s);"

@@ -1,4 +1,4 @@
-"""The FMUs of both back ends, unpacked, and the host in C."""
+"""Unpacked FMUs of both back ends, and programs of the host in C."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ UNUSED = "no-such-folder"  # the native FMU must not need its resources
 
 
 def unpack(fmu: Path, folder: Path) -> Path:
-    """The folder an FMU was unpacked into."""
+    """Unpack an FMU, and return the folder."""
     with zipfile.ZipFile(fmu) as archive:
         archive.extractall(folder)
     return folder
@@ -46,7 +46,7 @@ def every_machine(shipped_unit: Callable[..., Path], tmp_path_factory: pytest.Te
 
 @pytest.fixture(scope="session")
 def every_platform(shipped_unit: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The native FMU with a library for every platform, unpacked; where zig has built nothing yet it takes minutes."""
+    """The native FMU with a library for every platform, unpacked; zig needs minutes if nothing is in its cache."""
     if importlib.util.find_spec("ziglang") is None:
         missing("there is no ziglang (pip install ziglang)")
     return unpack(shipped_unit(everywhere=True), tmp_path_factory.mktemp("unpacked") / "every")
@@ -60,19 +60,19 @@ def python(fmu: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def linux() -> None:
-    """Skips where the FMU's linux64 library cannot be loaded."""
+    """Skip the test if the FMU's linux64 library cannot be loaded here."""
     if (platform.system(), platform.machine()) != ("Linux", "x86_64"):
         missing(f"this is {platform.system()} {platform.machine()}, not Linux x86_64")
 
 
 @pytest.fixture(scope="session")
 def executable(native: Path, tmp_path_factory: pytest.TempPathFactory, linux: None) -> Path:
-    """The host that loads the native FMU's library."""
+    """The program of the host, which loads the native FMU's library."""
     return compile_host([tool("gcc", "gcc")], native, tmp_path_factory.mktemp("loading") / "host")
 
 
-def loaded(executable: Path, library: Path) -> Host:
-    """Runs the host with an FMU's library loaded."""
+def loaded(executable: Path, library: Path | str) -> Host:
+    """Return a function that runs the host with an FMU's library."""
     def call(*arguments: str, **options: Any) -> str:
         return run([executable, library, UNUSED, *arguments], **options)
 
@@ -80,25 +80,20 @@ def loaded(executable: Path, library: Path) -> Host:
 
 
 def with_sources(unpacked: Path, folder: Path) -> Host:
-    """Runs the host with an FMU's sources compiled in, under the address and undefined-behaviour sanitizers."""
+    """Return a function that runs the host with an FMU's sources, under address and undefined-behaviour sanitizers."""
     flags = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-    made = compile_host([tool("gcc", "gcc")], unpacked, folder / "host", flags, static=True)
-
-    def call(*arguments: str, **options: Any) -> str:
-        return run([made, "-", UNUSED, *arguments], **options)
-
-    return call
+    return loaded(compile_host([tool("gcc", "gcc")], unpacked, folder / "host", flags, static=True), "-")
 
 
 @pytest.fixture(scope="session")
 def loading(executable: Path, native: Path) -> Host:
-    """Runs the host with the FMU's library loaded."""
+    """Function that runs the host with the FMU's library."""
     return loaded(executable, native / "binaries/linux64/EMCAS.so")
 
 
 @pytest.fixture(scope="session")
 def linked(native: Path, tmp_path_factory: pytest.TempPathFactory, linux: None) -> Host:
-    """Runs the host with the FMU's sources compiled in."""
+    """Function that runs the host with the FMU's sources."""
     return with_sources(native, tmp_path_factory.mktemp("linked"))
 
 
@@ -110,12 +105,12 @@ def unpacked3(native3: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def loading3(unpacked3: Path, tmp_path_factory: pytest.TempPathFactory, linux: None) -> Host:
-    """Runs the host with the library of FMI 3.0 loaded."""
-    made = compile_host([tool("gcc", "gcc")], unpacked3, tmp_path_factory.mktemp("loading3") / "host")
-    return loaded(made, unpacked3 / "binaries/x86_64-linux/EMCAS.so")
+    """Function that runs the host with the library of FMI 3.0."""
+    program = compile_host([tool("gcc", "gcc")], unpacked3, tmp_path_factory.mktemp("loading3") / "host")
+    return loaded(program, unpacked3 / "binaries/x86_64-linux/EMCAS.so")
 
 
 @pytest.fixture(scope="session")
 def linked3(unpacked3: Path, tmp_path_factory: pytest.TempPathFactory, linux: None) -> Host:
-    """Runs the host with the sources of FMI 3.0 compiled in."""
+    """Function that runs the host with the sources of FMI 3.0."""
     return with_sources(unpacked3, tmp_path_factory.mktemp("linked3"))

@@ -1,10 +1,10 @@
-"""What `misuse` of the host in C has to print for the native FMU."""
+"""Expected output of the host in C for the native FMU, for its arguments `misuse` and `states`."""
 
 from __future__ import annotations
 
 OK, ERROR = 0, 3
 
-# No instance (the first number is whether there is one), and the logger has the reason.
+# No instance is created, and the reason is logged: the numbers are 1 for an instance, and the number of messages.
 _NO_INSTANCE = ("no name", "empty name", "no guid", "empty guid", "wrong guid", "model exchange")
 _ERRORS = (
     "null doStep", "null setup", "null enter", "null leave", "null terminate", "null reset", "null get", "null set",
@@ -27,7 +27,7 @@ _LEGAL = (
 MISUSE: dict[str, str] = {
     "types": "default", "version": "2.0",
     **dict.fromkeys(_NO_INSTANCE, "0 1"),
-    "no callbacks": "0 0",  # and nobody to tell
+    "no callbacks": "0 0",  # there is no logger
     "no resources": "1 0",
     **dict.fromkeys(_ERRORS, f"{ERROR} 1"),
     **dict.fromkeys(_LEGAL, f"{OK} 0"),
@@ -35,12 +35,12 @@ MISUSE: dict[str, str] = {
 
 _ONLY_FMI2 = ("types", "null setup", "null status", "setup, stepping", "cancel")
 MISUSE3: dict[str, str] = {
-    **{name: said for name, said in MISUSE.items() if name not in _ONLY_FMI2 and not name.startswith("slope")},
+    **{name: numbers for name, numbers in MISUSE.items() if name not in _ONLY_FMI2 and not name.startswith("slope")},
     "version": "3.0",
-    "no callbacks": "1 0",  # a host need not listen
+    "no callbacks": "1 0",  # the logger is optional
 }
 
-# All claims of `states` hold; sizes and bytes that are wrong give fmi2Error.
+# All comparisons of `states` are true; wrong sizes and bytes give fmi2Error.
 STATES: dict[str, str] = {
     **dict.fromkeys(("moved", "restored", "within", "moved over", "into fresh", "overwritten"), "1"),
     "free null": str(OK), "silent": "0", **dict.fromkeys(("cut", "empty", "no room"), str(ERROR)),

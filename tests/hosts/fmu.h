@@ -1,6 +1,6 @@
-/* A co-simulation FMU, linked in (-DSTATIC_FMU) or loaded, and instances of it. C11, POSIX or Windows.
+/* A co-simulation FMU, loaded or (-DSTATIC_FMU) linked, and its instances. C11, POSIX or Windows.
  *
- * Of FMI 2.0, or with -DFMI3 of FMI 3.0 behind the same calls (fmu3.h). */
+ * In FMI 2.0, or with -DFMI3 in FMI 3.0 behind the same calls (fmu3.h). */
 #ifndef FMU_H
 #define FMU_H
 
@@ -141,7 +141,7 @@ static void leave(Instance *i) {
     check(i, fmu.ExitInitializationMode(i->component), "fmi2ExitInitializationMode");
 }
 
-/* Ready to step; `encoder` false feeds true angle and speed to the controllers. */
+/* An initialized instance; without `encoder` the controllers use the true angle and speed. */
 static Instance *started(bool encoder) {
     Instance *i = new_instance("fin", UNIT_GUID);
     if (!i->component) fail("fmi2Instantiate gave NULL");

@@ -1,4 +1,4 @@
-/* FMI 3.0 behind the calls of FMI 2.0 that the host makes: without event mode, every variable a scalar. */
+/* The host's calls of FMI 2.0 implemented with FMI 3.0, without event mode and without arrays. */
 #ifndef FMU3_H
 #define FMU3_H
 
@@ -23,8 +23,7 @@ static struct {
 #undef MEMBER
 } library3;
 
-/* What the host has for an instance of FMI 2.0: the environment is the host's own structure, which begins with the
- * callbacks. */
+/* The environment is the host's structure for an instance, which begins with the callbacks of FMI 2.0. */
 static void logger3(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String message) {
     const fmi2CallbackFunctions *callbacks = environment;
     callbacks->logger(callbacks->componentEnvironment, "", (fmi2Status)status, category, "%s", message);
@@ -34,7 +33,7 @@ static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid
                                  const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging) {
     fmi3LogMessageCallback log = callbacks ? logger3 : NULL;
     fmi3InstanceEnvironment environment = NULL;
-    memcpy(&environment, &callbacks, sizeof environment); /* const: the unit only hands it back */
+    memcpy(&environment, &callbacks, sizeof environment); /* removes const; the FMU only passes the pointer back */
     return type == fmi2CoSimulation
         ? LIBRARY.InstantiateCoSimulation(name, guid, resource_path, visible, logging, 0, 0, NULL, 0, environment, log,
                                           NULL)

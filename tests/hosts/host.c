@@ -1,4 +1,4 @@
-/* A host of the FMU: `host LIBRARY RESOURCES WHAT [NUMBER...]`. Prints `name=value` lines for the test to judge. */
+/* A host for the FMU: `host LIBRARY RESOURCES COMMAND [NUMBER]`. Prints lines `name=value`, which the test judges. */
 #define _GNU_SOURCE /* feenableexcept */
 #include <fenv.h>
 
@@ -12,7 +12,7 @@
 #define STEP 1e-3
 enum { INSTANCES = 4, THREADS = 8, STEPS = 300 };
 
-/* Between -1 and 1, first up from 0; exact arithmetic but for one division: the same everywhere. */
+/* Triangular wave from -1 to 1 that begins at 0. One rounded division only: the same bits on every machine. */
 static double triangle(long k, long period) {
     long phase = (4 * k) % (4 * period);
     if (phase >= 3 * period) return (double)(phase - 4 * period) / (double)period;
@@ -20,7 +20,7 @@ static double triangle(long k, long period) {
     return (double)phase / (double)period;
 }
 
-/* The trajectory of a step command under load: a line of names, then time and outputs. */
+/* Prints a step response under load as CSV: names, then time and outputs. */
 static void plain(bool encoder) {
     Instance *i = started(encoder);
     printf("time");
@@ -55,7 +55,7 @@ static void alone(int which, Outputs *into) {
     finish(i);
 }
 
-/* Instances stepped in turns against each stepped alone. */
+/* Compares instances that are stepped in turns with each instance alone. */
 static void four(void) {
     static Outputs together[INSTANCES][STEPS], single[INSTANCES][STEPS];
     Instance *all[INSTANCES];
@@ -86,7 +86,7 @@ THREAD(work, argument) {
     THREAD_END;
 }
 
-/* Instances made, run and freed in threads of their own against the same in one thread. */
+/* Compares instances that are created, run and freed in separate threads with the same in one thread. */
 static void threads(void) {
     static Job jobs[THREADS];
     static Outputs single[STEPS];
@@ -111,7 +111,7 @@ static long heap(void) {
 #endif
 }
 
-/* Moving command and load for `count` steps; both repeat every 6 s: the last period against an early one. */
+/* Periodic command and load for `count` steps; compares the last period of 6 s with an early one. */
 static void moving(long count) {
     enum { PERIOD = 6000, EARLY = 50 };
     Instance *i = started(false);
@@ -144,7 +144,7 @@ typedef struct {
     bool enable, encoder;
 } Case;
 
-/* With the processor's floating-point exceptions trapped, what exercises every limit; a trap kills the process. */
+/* Runs that reach every limit; a floating-point exception kills the process. */
 static void traps(void) {
     static const Case cases[] = {
         {"step", 0.2, 0.0, 39.0, 0.0, true, true},
@@ -188,7 +188,7 @@ static void traps(void) {
         printf("%s=finite %d saturated %d at_stop %d moved %d\n", x->name, sound, saturated > 0, stopped > 0,
                moved > 0);
     }
-    /* The traps are armed: 0/0 must kill. A parent that asks for it proves that the cases above could have. */
+    /* On request 0/0 proves that an exception kills the process. */
     if (getenv("HOST_PROVE_TRAP")) {
         volatile double zero = 0.0;
         printf("%g\n", zero / zero);
@@ -196,18 +196,18 @@ static void traps(void) {
 }
 
 int main(int argc, char **argv) {
-    if (argc < 4) fail("usage: host LIBRARY RESOURCES WHAT [NUMBER]");
+    if (argc < 4) fail("usage: host LIBRARY RESOURCES COMMAND [NUMBER]");
     long number = argc > 4 ? strtol(argv[4], NULL, 10) : 0;
-    const char *what = argv[3];
+    const char *command = argv[3];
     load(argv[1]);
     resources = argv[2];
-    if (!strcmp(what, "plain")) plain(number != 0);
-    else if (!strcmp(what, "four")) four();
-    else if (!strcmp(what, "threads")) threads();
-    else if (!strcmp(what, "moving")) moving(number);
-    else if (!strcmp(what, "traps")) traps();
-    else if (!strcmp(what, "states")) states();
-    else if (!strcmp(what, "misuse")) misuse();
+    if (!strcmp(command, "plain")) plain(number != 0);
+    else if (!strcmp(command, "four")) four();
+    else if (!strcmp(command, "threads")) threads();
+    else if (!strcmp(command, "moving")) moving(number);
+    else if (!strcmp(command, "traps")) traps();
+    else if (!strcmp(command, "states")) states();
+    else if (!strcmp(command, "misuse")) misuse();
     else fail("unknown command");
     return fflush(stdout) ? 5 : 0;
 }

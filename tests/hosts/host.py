@@ -1,4 +1,4 @@
-"""Compiling the host in C against an FMU, and running it."""
+"""Compile the host in C for an FMU, and run it."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ _PREFIX = """#if !defined(FMI2_OVERRIDE_FUNCTION_PREFIX) && defined(FMI2_FUNCTIO
 """
 
 
-def missing(what: str) -> None:
-    """Skip for want of a tool, or fail where every host has to be there."""
+def missing(reason: str) -> None:
+    """Skip a test because a tool is missing, or fail it if EMCAS_REQUIRE_HOSTS=1."""
     if os.environ.get("EMCAS_REQUIRE_HOSTS") == "1":
-        pytest.fail(f"EMCAS_REQUIRE_HOSTS=1, but {what}")
-    pytest.skip(what)
+        pytest.fail(f"EMCAS_REQUIRE_HOSTS=1, but {reason}")
+    pytest.skip(reason)
 
 
 def tool(name: str, package: str, folder: str = "") -> str:
-    """The path of a program, in the search path or `folder`."""
-    found = shutil.which(name) or shutil.which(name, path=folder or None)
-    if found is None:
+    """Return the path of a program in the search path or `folder`; skip the test if it is missing."""
+    path = shutil.which(name) or shutil.which(name, path=folder or None)
+    if path is None:
         missing(f"there is no {name} (Debian: apt-get install {package})")
-    return str(found)
+    return str(path)
 
 
 def standard_headers(folder: Path) -> Path:
-    """A folder with the headers of FMI 2.0.5 and 3.0: fmpy's, in which that of 2.0 has no prefix."""
+    """Write the headers of FMI 2.0.5 and 3.0; fmpy's header of FMI 2.0 lacks the function prefix."""
     shutil.copytree(FMI_HEADERS, folder)
     functions = folder / "fmi2Functions.h"
     text = functions.read_text(encoding="utf-8")
@@ -55,7 +55,7 @@ def standard_headers(folder: Path) -> Path:
 
 
 def header(description: Path) -> str:
-    """What the host has to know of an FMU's interface, as C; of FMI 3.0 the scalars."""
+    """Return C code with the GUID, value references and outputs of an FMU, of FMI 3.0 only for scalars."""
     root = ET.parse(description).getroot()
     version = root.attrib["fmiVersion"]
     if version == "2.0":
@@ -68,22 +68,22 @@ def header(description: Path) -> str:
         name = "".join(c if c.isalnum() else "_" for c in attributes["name"])
         lines.append(f"#define VR_{name} {attributes['valueReference']}u")
     for kind in ("Real", "Boolean"):
-        found = [a for a, tag in scalars if a.get("causality") == "output" and tag == kind]
-        names = [a["name"] for a in found]
-        references = ", ".join(a["valueReference"] + "u" for a in found)
+        outputs = [a for a, tag in scalars if a.get("causality") == "output" and tag == kind]
+        names = [a["name"] for a in outputs]
+        references = ", ".join(a["valueReference"] + "u" for a in outputs)
         quoted = ", ".join(f'"{n}"' for n in names)
-        places = ", ".join(f"OUTPUT_{n} = {k}" for k, n in enumerate(names))
+        indices = ", ".join(f"OUTPUT_{n} = {k}" for k, n in enumerate(names))
         lines += [f"static const fmi2ValueReference {kind.upper()}_OUTPUTS[] = {{{references}}};",
                   f"static const char *const {kind.upper()}_OUTPUT_NAMES[] = {{{quoted}}};",
-                  f"enum {{{places}}};"]
+                  f"enum {{{indices}}};"]
     return "\n".join(lines) + "\n"
 
 
 def compile_host(compiler: Sequence[str], unpacked: Path, target: Path, flags: Sequence[str] = (),
                  static: bool = False) -> Path:
-    """The host for an unpacked FMU; with `static` the FMU's own sources are compiled into it.
+    """Compile the host for an unpacked FMU, with `static` together with the FMU's sources.
 
-    Not optimised: sanitizers check what is written, not what is left of it, and compiling takes a third of the time.
+    Without optimisation: sanitizers then check all of the source code, and compiling takes a third of the time.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     (target.parent / "variables.h").write_text(header(unpacked / "modelDescription.xml"), encoding="utf-8")
@@ -107,35 +107,35 @@ def compile_host(compiler: Sequence[str], unpacked: Path, target: Path, flags: S
 
 def run(command: Sequence[str | Path], *, environment: Mapping[str, str] | None = None, timeout: float = 120.0,
         code: int = 0) -> str:
-    """What a program prints; it has to end with `code`, and says why on standard error if it does not."""
-    # Files, not pipes: Wine leaves services behind that would hold a pipe open for seconds.
+    """Run a program and return its output; its exit code must be `code`."""
+    # Files instead of pipes: Wine's services would keep a pipe open for seconds.
     with TemporaryFile("w+", encoding="utf-8") as out, TemporaryFile("w+", encoding="utf-8") as error:
         done = subprocess.run([str(c) for c in command], stdout=out, stderr=error, timeout=timeout,
                               env={**os.environ, **(environment or {})})
         out.seek(0)
         error.seek(0)
-        printed, complaint = out.read(), error.read()
-    assert done.returncode == code, f"code {done.returncode}\n{printed[-2000:]}\n{complaint[-4000:]}"
-    return printed
+        output, messages = out.read(), error.read()
+    assert done.returncode == code, f"code {done.returncode}\n{output[-2000:]}\n{messages[-4000:]}"
+    return output
 
 
-def table(printed: str) -> dict[str, str]:
-    """`name=value` lines as a dictionary."""
-    return dict(line.split("=", 1) for line in printed.splitlines())
+def table(output: str) -> dict[str, str]:
+    """Return lines `name=value` as a dictionary."""
+    return dict(line.split("=", 1) for line in output.splitlines())
 
 
-def trajectory(printed: str) -> Trajectory:
-    """A CSV table by column."""
-    rows = list(csv.reader(printed.splitlines()))
+def trajectory(output: str) -> Trajectory:
+    """Return a CSV table by column."""
+    rows = list(csv.reader(output.splitlines()))
     return {name: [float(row[k]) for row in rows[1:]] for k, name in enumerate(rows[0])}
 
 
 def difference(a: Trajectory, b: Trajectory) -> float:
-    """The largest difference of any column, over the column's own magnitude where that is above 1."""
+    """Return the largest difference of any column, relative to the column's largest value if that is above 1."""
     assert a.keys() == b.keys()
-    worst = 0.0
+    largest = 0.0
     for name, values in a.items():
         assert len(values) == len(b[name]) > 0
         scale = max(1.0, *(abs(v) for v in values))
-        worst = max(worst, *(abs(x - y) / scale for x, y in zip(values, b[name])))
-    return worst
+        largest = max(largest, *(abs(x - y) / scale for x, y in zip(values, b[name])))
+    return largest

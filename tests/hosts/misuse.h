@@ -1,4 +1,4 @@
-/* Calls a host must not make, each on an instance of its own: `name=status messages`. The process has to survive. */
+/* Wrong calls, each on a new instance: prints `name=status messages`. The process must not crash. */
 #ifndef MISUSE_H
 #define MISUSE_H
 
@@ -130,7 +130,7 @@ static fmi2Status slope(fmi2Component c, fmi2ValueReference reference, fmi2Integ
 }
 #endif
 
-/* The input, then a step: one of them has to say no. */
+/* Sets an input and steps; returns the worse status. */
 static fmi2Status step_with(fmi2Component c, fmi2ValueReference reference, double value) {
     fmi2Status set = put_real(c, reference, value), stepped = fmu.DoStep(c, 5e-3, 1e-3, fmi2True);
     return set > stepped ? set : stepped;
@@ -186,7 +186,7 @@ static void misuse(void) {
     order();
     variables();
     steps();
-    /* And a sound instance still works after all that. */
+    /* Another instance still works after all wrong calls. */
     Instance *i = in_phase(STEPPING);
     set_real(i, VR_fin_command, 0.1);
     for (int n = 5; n < 300; n++) step(i, n * 1e-3, 1e-3);

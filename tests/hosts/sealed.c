@@ -1,7 +1,7 @@
-/* A thousand steps of an FMU that may ask the system for nothing:
- * `sealed LIBRARY TOKEN VALUES COMMAND TORQUE ANGLE SIN`. COMMAND and TORQUE are inputs, ANGLE an output of VALUES fins
- * each: comma-separated value references. Prints allocations, events and the largest angle [urad]. SIN is one that the
- * host commits on the way, to prove that it would be caught: `call`, `allocate` or `none`. */
+/* A thousand steps of an FMU that may make no system call:
+ * `sealed LIBRARY TOKEN VALUES COMMAND TORQUE ANGLE ACTION`. COMMAND and TORQUE are inputs, ANGLE an output of VALUES
+ * fins each: comma-separated value references. Prints allocations, events and the largest angle [urad]. ACTION is a
+ * forbidden action of the host in each step, which must be detected: `call`, `allocate` or `none`. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <math.h>
@@ -83,7 +83,7 @@ static int get(component c, const references *of, double *value, size_t values) 
     return fmu.GetFloat64(c, of->reference, of->count, value, values);
 }
 
-/* To the end of a step, through its events. */
+/* Steps to the end of a step through its events. */
 static int moved(component c, double time, double size) {
     const double end = time + size;
     int status = 0;
@@ -130,7 +130,7 @@ static int moved(component c, double time, double size) {
 #endif
 
 int main(int count, char **argument) {
-    need(count == 8, "arguments: LIBRARY TOKEN VALUES COMMAND TORQUE ANGLE SIN");
+    need(count == 8, "arguments: LIBRARY TOKEN VALUES COMMAND TORQUE ANGLE ACTION");
     void *library = dlopen(argument[1], RTLD_NOW | RTLD_LOCAL);
     need(library != NULL, "the library does not load");
 #define FIND(name) { void *address = dlsym(library, PREFIX #name); need(address != NULL, #name); \
@@ -145,11 +145,10 @@ int main(int count, char **argument) {
     int bad = 0;
     void *volatile block = NULL;
     need(!prctl(PR_SET_SECCOMP, SECCOMP_MODE_STRICT), "no strict mode");
-    /* From here on anything but read, write and exit kills. */
+    /* From here on any system call except read, write and exit kills the process. */
     allocations = 0;
     for (int n = 0; n < 1000; n++) {
-        /* To and fro, each time into the limits of voltage and current, and at last onto a stop; by steps of a
-         * millisecond and shorter. */
+        /* Reversals that reach the limits of voltage and current, and at the end a stop; in steps of 1 and 0.3 ms. */
         const double size = n % 3 ? 1e-3 : 3e-4;
         for (size_t fin = 0; fin < values; fin++) in[fin] = (n / 90) % 2 ? -0.1 : 0.1;
         bad |= set(c, &command, in, values);
@@ -167,6 +166,6 @@ int main(int count, char **argument) {
     const int length = snprintf(text, sizeof text, "allocations=%lu\nevents=%lu\nlargest=%ld\nbad=%d\n", allocations,
                                 events, (long)(1e6 * largest), bad);
     const int wrong = write(1, text, (size_t)length) != length;
-    syscall(SYS_exit, wrong); /* the thread: the process's exit is one call more than allowed */
+    syscall(SYS_exit, wrong); /* ends the thread; exit() would make a forbidden call */
     return 1;
 }

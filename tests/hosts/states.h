@@ -5,7 +5,7 @@
 #include "fmu.h"
 
 enum { BEFORE = 50, AFTER = 120 };
-/* No multiple of the internal ticks, so that states are taken inside one. */
+/* Not a multiple of the internal ticks, so that states are saved inside a tick. */
 #define ODD 0.7e-3
 
 static Instance *midway(void) {
@@ -16,7 +16,7 @@ static Instance *midway(void) {
     return i;
 }
 
-/* A tunable parameter and an input change on the way: both belong to the state. */
+/* Continues with changes of a tunable parameter and an input, which belong to the state. */
 static void onward(Instance *i, Outputs *into) {
     into[0] = outputs(i);
     set_real(i, VR_controller_position_ki, 20.0);
@@ -38,7 +38,7 @@ static void release(Instance *i, fmi2FMUstate *state) {
     if (*state) fail("fmi2FreeFMUstate leaves the pointer");
 }
 
-/* Whether an instance set to `state` goes on as `straight` did. */
+/* Whether an instance continues from `state` with the outputs `straight`. */
 static bool continues(Instance *i, fmi2FMUstate state, const Outputs *straight) {
     static Outputs found[AFTER + 1];
     check(i, fmu.SetFMUstate(i->component, state), "fmi2SetFMUstate");
@@ -46,7 +46,7 @@ static bool continues(Instance *i, fmi2FMUstate state, const Outputs *straight) 
     return same(found, straight, AFTER + 1);
 }
 
-/* Bytes flipped one at a time: how many of the damaged states are refused. */
+/* Changes one byte at a time, and counts the damaged states that are refused. */
 static void damage(Instance *i, const fmi2Byte *data, size_t size) {
     fmi2Byte *copy = malloc(size);
     int damaged = 0, refused = 0, silent = 0;
@@ -85,14 +85,14 @@ static void states(void) {
     printf("free null=%d\n", fmu.FreeFMUstate(i->component, &none));
     free_instance(i);
 
-    /* Of the instance that made the bytes nothing is left. */
+    /* The instance that wrote the bytes is freed. */
     i = midway();
     check(i, fmu.DeSerializeFMUstate(i->component, data, size, &other), "fmi2DeSerializeFMUstate");
     printf("moved over=%d\n", continues(i, other, straight));
     Instance *fresh = new_instance("fresh", UNIT_GUID);
     printf("into fresh=%d\n", continues(fresh, other, straight));
 
-    /* A state handed back to fmi2GetFMUstate is overwritten with the present one. */
+    /* fmi2GetFMUstate overwrites an existing state with the present one. */
     check(i, fmu.SetFMUstate(i->component, other), "fmi2SetFMUstate");
     step(i, BEFORE * ODD, ODD);
     check(i, fmu.GetFMUstate(i->component, &other), "fmi2GetFMUstate");

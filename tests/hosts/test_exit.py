@@ -1,4 +1,4 @@
-"""The end of a process that ran the Python FMU: nothing is released twice."""
+"""The end of a process that has run the Python FMU: no memory is released twice."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ print("done")
 @pytest.mark.fmu
 @pytest.mark.parametrize(("before", "after", "link", "count"), [
     ("", "", False, 1), ("/", "/", False, 1), ("", "", True, 2)])
-def test_a_python_host_ends_without_touching_freed_memory(python: Path, linux: None, tmp_path: Path, before: str,
+def test_python_host_does_not_use_freed_memory_at_its_end(python: Path, linux: None, tmp_path: Path, before: str,
                                                           after: str, link: bool, count: int) -> None:
-    """The wrapper releases its state as the process ends, and its library's finalizer did so again.
+    """pythonfmu's wrapper alone would release its state twice: at the end of the process and in its finalizer.
 
-    The host unpacks a copy for each instance, deletes it before it ends, and may spell its path its own way.
+    The host unpacks a copy for each instance, and deletes it. The URI of the resources has different spellings.
     """
     valgrind = tool("valgrind", "valgrind")
     copies = [shutil.copytree(python, tmp_path / "here" / str(k)) for k in range(count)]
@@ -54,6 +54,6 @@ def test_a_python_host_ends_without_touching_freed_memory(python: Path, linux: N
                           env={**os.environ, "PYTHONMALLOC": "malloc"}, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-3000:]
     assert done.stdout == "done\n"
-    # The interpreter and the loader have findings of their own; none may be of the wrapper's end.
+    # valgrind may report errors in the interpreter and the loader, but none in the wrapper's finalizer.
     assert "ERROR SUMMARY" in done.stderr
     assert "finalizePythonInterpreter" not in done.stderr

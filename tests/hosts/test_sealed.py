@@ -1,4 +1,4 @@
-"""A step of the native FMU allocates nothing and asks the system for nothing: under Linux's strict seccomp."""
+"""A step of the native FMU allocates no memory and makes no system call, under Linux's strict seccomp mode."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Sealed = Callable[..., dict[str, str]]
 @pytest.fixture(scope="module", params=["fmi2-1", "fmi2-4", "fmi3-1", "fmi3-4"])
 def sealed(request: pytest.FixtureRequest, shipped_unit: Callable[..., Path],
            tmp_path_factory: pytest.TempPathFactory, linux: None) -> Sealed:
-    """Runs the steps of an FMU of a version and number of fins, with a forbidden call if requested."""
+    """Function that runs steps of an FMU under seccomp, if requested with a forbidden action in each step."""
     version, fins = request.param[3], int(request.param[-1])
     folder, gcc = tmp_path_factory.mktemp("sealed"), tool("gcc", "gcc")
     if fins == 1:
@@ -39,20 +39,20 @@ def sealed(request: pytest.FixtureRequest, shipped_unit: Callable[..., Path],
     variables = [",".join(reference[form.format(name)] for form in forms)
                  for name in ("fin_command", "aero_torque", "fin_angle")]
 
-    def call(deed: str = "none", code: int = 0) -> dict[str, str]:
-        return table(run([host, library, description.guid, str(fins), *variables, deed], code=code))
+    def call(action: str = "none", code: int = 0) -> dict[str, str]:
+        return table(run([host, library, description.guid, str(fins), *variables, action], code=code))
 
     return call
 
 
-def test_steps_ask_the_system_for_nothing(sealed: Sealed, request: pytest.FixtureRequest) -> None:
-    found = sealed()
-    assert (found["allocations"], found["bad"]) == ("0", "0")
-    assert float(found["largest"]) * 1e-6 > 0.2
-    # Only FMI 3.0 shows a host its events.
-    assert (int(found["events"]) > 10) == ("fmi3" in request.node.callspec.id)
+def test_steps_make_no_system_calls_and_allocate_nothing(sealed: Sealed, request: pytest.FixtureRequest) -> None:
+    results = sealed()
+    assert (results["allocations"], results["bad"]) == ("0", "0")
+    assert float(results["largest"]) * 1e-6 > 0.2
+    # Only FMI 3.0 reports events to the host.
+    assert (int(results["events"]) > 10) == ("fmi3" in request.node.callspec.id)
 
 
-def test_what_is_forbidden_would_be_seen(sealed: Sealed) -> None:
+def test_system_call_and_allocation_would_be_detected(sealed: Sealed) -> None:
     sealed("call", code=-signal.SIGKILL)
     assert sealed("allocate")["allocations"] == "1000"
