@@ -45,9 +45,9 @@ def _cell(fmu: str, client: str, runs: matrix.Runs) -> str:
         return "fails"
     if client in CHECKS:
         return "passes"
-    difference = matrix.from_fmpy(FMUS[fmu], client, outcome.found, runs.outcome(fmu, "fmpy").found)
+    difference = matrix.from_fmpy(FMUS[fmu], client, outcome.outputs, runs.outcome(fmu, "fmpy").outputs)
     if FMUS[fmu].reference:
-        return (f"{matrix.from_reference(FMUS[fmu], outcome.found):.2g}°"
+        return (f"{matrix.from_reference(FMUS[fmu], outcome.outputs):.2g}°"
                 + (f", {difference:.0e}" if difference else ""))
     return f"{difference:.0e}" if difference else "runs" if client == "fmpy" else "same"
 

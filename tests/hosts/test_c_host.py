@@ -29,7 +29,7 @@ def in_fmpy(fmu: Path, encoder: str, folder: Path) -> Trajectory:
     """Return the trajectory of the host's `plain` in fmpy."""
     task = {"step": 1e-3, "parameters": {"encoder.enabled": encoder == "1"},
             "inputs": {"fin_command": 300 * [0.2], "aero_torque": 100 * [0.0] + 200 * [-40.0]}}
-    return matrix.run("fmpy", fmu, task, folder).found
+    return matrix.run("fmpy", fmu, task, folder).outputs
 
 
 @pytest.mark.parametrize("encoder", ["0", "1"])

@@ -1,9 +1,9 @@
-"""An FMU in a client that nobody here wrote: `python -m tests.interop.clients CLIENT FMU TASK TABLE`.
+"""Run an FMU in another developer's client: `python -m tests.interop.clients CLIENT FMU TASK TABLE`.
 
-TASK is a file with ``step`` [s], ``parameters`` (name to value) and ``inputs`` (name to a value for each step, held
-over it); a value of an array is a list. TABLE is written: time and every Real and Boolean output at the end of each
-step, of an array a column for each element. What client and FMU say goes to standard output and error. Exit code 77:
-the client is not installed.
+TASK is a file with ``step`` [s], ``parameters`` (name to value) and ``inputs`` (name to a value for each step); the
+value of an array is a list. TABLE is the file for time and every Real and Boolean output at the end of each step, with
+a column for each element of an array. Messages of client and FMU go to standard output and error. Exit code 77: the
+client is not installed.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Row = Iterable[Any]
 
 @dataclass(frozen=True)
 class Task:
-    """What a client has to do: run the FMU at `path`; see the module."""
+    """A run of the FMU at `path`; the module's docstring describes the other fields."""
 
     path: Path
     step: float
@@ -53,7 +53,7 @@ class Task:
         return {v.name: v.valueReference for v in self.description.modelVariables}
 
     def outputs(self, *types: str) -> list[str]:
-        """Names of outputs of FMI's types."""
+        """Return the names of outputs with these types of FMI."""
         return [v.name for v in self.description.modelVariables if v.causality == "output" and v.type in types]
 
     @cached_property
@@ -66,16 +66,16 @@ class Task:
 
     @cached_property
     def steps(self) -> int:
-        """How many."""
+        """Number of steps."""
         return len(next(iter(self.inputs.values())))
 
     def at(self, k: int) -> dict[str, Any]:
-        """Inputs of a step."""
+        """Return the inputs of a step."""
         return {name: values[k] for name, values in self.inputs.items()}
 
 
 def _simulated(task: Task, path: Path, parameters: Mapping[str, Any] | None = None) -> Iterator[Row]:
-    """The FMU or folder at `path` in simulate_fmu."""
+    """Run the FMU or folder at `path` in fmpy's simulate_fmu."""
     names = [*task.reals, *task.flags]
     table = np.array([(k * task.step, *task.at(k).values()) for k in range(task.steps)],
                      dtype=[("time", float), *((name, float, np.shape(v[0])) for name, v in task.inputs.items())])
@@ -87,7 +87,7 @@ def _simulated(task: Task, path: Path, parameters: Mapping[str, Any] | None = No
 
 
 def fmpy(task: Task) -> Iterator[Row]:
-    """fmpy's check of the file, and its simulate_fmu."""
+    """Validate and run the FMU in fmpy."""
     for problem in validate_fmu(str(task.path)):
         print(problem)
     return _simulated(task, task.path)
@@ -95,25 +95,25 @@ def fmpy(task: Task) -> Iterator[Row]:
 
 @contextmanager
 def _without_progress() -> Iterator[None]:
-    """Drop what programs print on standard output: cmake says there how far it is, elsewhere what is wrong."""
-    with Path(os.devnull).open("w") as nowhere:
-        printed = os.dup(1)
-        os.dup2(nowhere.fileno(), 1)
+    """Discard standard output, on which cmake prints its progress; it prints errors on standard error."""
+    with Path(os.devnull).open("w") as null:
+        output = os.dup(1)
+        os.dup2(null.fileno(), 1)
         try:
             yield
         finally:
-            os.dup2(printed, 1)
-            os.close(printed)
+            os.dup2(output, 1)
+            os.close(output)
 
 
 def rebuilt(task: Task) -> Iterator[Row]:
-    """The binary as fmpy's cmake project builds it from the sources inside, every warning an error; in fmpy."""
+    """Build the binary from the FMU's sources with fmpy's cmake project, and run it in fmpy. Warnings are errors."""
     from fmpy.build import build_platform_binary
 
     with TemporaryDirectory() as unpacked, TemporaryDirectory() as build:
         extract(str(task.path), unpacked)
         shutil.rmtree(Path(unpacked) / "binaries")
-        # cmake comes with fmpy, into an environment that need not be activated.
+        # cmake is installed with fmpy, in an environment that may not be activated.
         os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
         with _without_progress():
             build_platform_binary(unpacked, build, all_warnings=True, cmake_options={"CMAKE_C_FLAGS:STRING": "-Werror"})
@@ -121,7 +121,7 @@ def rebuilt(task: Task) -> Iterator[Row]:
 
 
 def libcosimpy(task: Task) -> Iterator[Row]:
-    """libcosim with its fixed-step algorithm; inputs overridden between steps, before the first one set as initial."""
+    """Run libcosim with its fixed-step algorithm; the first inputs are initial values, the others are overridden."""
     from libcosimpy.CosimExecution import CosimExecution
     from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
     from libcosimpy.CosimManipulator import CosimManipulator
@@ -148,7 +148,7 @@ def libcosimpy(task: Task) -> Iterator[Row]:
 
 
 def ecospy(task: Task) -> Iterator[Row]:
-    """Ecos with its fixed-step algorithm."""
+    """Run Ecos with its fixed-step algorithm."""
     from ecospy import EcosSimulation, EcosSimulationStructure
 
     with EcosSimulationStructure() as structure:
@@ -166,7 +166,7 @@ def ecospy(task: Task) -> Iterator[Row]:
 
 
 def fmuloader(task: Task) -> Iterator[Row]:
-    """fmuloader, stepped by hand."""
+    """Step the FMU with fmuloader."""
     from fmuloader import fmi2, fmi3
 
     logging.basicConfig(level=logging.DEBUG)
@@ -195,11 +195,11 @@ def fmuloader(task: Task) -> Iterator[Row]:
 
 
 def sofirpy(task: Task) -> Iterator[Row]:
-    """sofirpy, which drives fmpy's slave; inputs come from a model in Python that is wired to the FMU."""
+    """Run sofirpy, which uses fmpy's slave; a model in Python is the source of the inputs."""
     from sofirpy import SimulationEntity, simulate
 
     class Source(SimulationEntity):  # type: ignore[misc]
-        """The inputs of the step that comes."""
+        """A model whose outputs are the inputs of the next step."""
 
         at = 0
 
@@ -212,11 +212,11 @@ def sofirpy(task: Task) -> Iterator[Row]:
         def set_parameter(self, parameter_name: str, parameter_value: float) -> None:
             raise NotImplementedError
 
-    logging.disable(logging.INFO)  # its progress
+    logging.disable(logging.INFO)  # sofirpy logs its progress
     names = [*task.reals, *task.flags]
     wires = [{"parameter_name": name, "connect_to_system": "source", "connect_to_external_parameter": name}
              for name in task.inputs]
-    # Half a step more: it counts them by a sum of steps, and leaves out one that ends a rounding late.
+    # Half a step more: sofirpy omits a last step that ends a rounding error after the stop time.
     found = simulate(stop_time=(task.steps + 0.5) * task.step, step_size=task.step, fmu_paths={"fin": task.path},
                      model_classes={"source": Source}, connections_config={"fin": wires},
                      start_values={"fin": {**task.parameters, **task.at(0)}}, parameters_to_log={"fin": names})
@@ -225,7 +225,7 @@ def sofirpy(task: Task) -> Iterator[Row]:
 
 
 def pathsim(task: Task) -> Iterator[Row]:
-    """A block of pathsim-fmi; every input has a source, since one without would be set to 0."""
+    """Run a block of pathsim-fmi; every input has a source, because pathsim would set one without a source to 0."""
     from pathsim import Connection, Simulation
     from pathsim.blocks import Source
     from pathsim_fmi import CoSimulationFMU
@@ -233,12 +233,12 @@ def pathsim(task: Task) -> Iterator[Row]:
     rows: list[Row] = []
 
     class Recorded(CoSimulationFMU):  # type: ignore[misc]
-        """The block, with what it gave after each step."""
+        """The block, which also stores its outputs after each step."""
 
         def _step_fmu(self, t: float) -> None:
             super()._step_fmu(t)
-            given = dict(zip(self.fmu_wrapper.output_refs, self.outputs.to_array()))
-            rows.append([given[name] for name in (*task.reals, *task.flags)])
+            outputs = dict(zip(self.fmu_wrapper.output_refs, self.outputs.to_array()))
+            rows.append([outputs[name] for name in (*task.reals, *task.flags)])
 
     def source(name: str, start: float) -> Any:
         values = task.inputs.get(name, [start])
@@ -249,12 +249,12 @@ def pathsim(task: Task) -> Iterator[Row]:
                if v.causality == "input" and v.type in ("Real", "Float64")}
     wires = [Connection(block_of_input, block[name]) for name, block_of_input in sources.items()]
     Simulation([block, *sources.values()], wires, dt=task.step, log=False).run(task.steps * task.step)
-    yield from rows[:task.steps]  # it makes one at the end, too
+    yield from rows[:task.steps]  # pathsim makes one more step at the end
 
 
 def _program(name: str, *arguments: str | Path, cwd: Path | None = None,
              environment: Mapping[str, str] | None = None) -> None:
-    """Run a program of the environment or of the system; print what it says but for its progress."""
+    """Run a program of the environment or of the system, and print its messages without progress."""
     program = shutil.which(name, path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])) or name
     done = subprocess.run([program, *arguments], cwd=cwd, env={**os.environ, **(environment or {})},
                           capture_output=True, text=True)
@@ -269,13 +269,13 @@ def _words(value: Any) -> str:
 
 
 def fmutool(task: Task) -> Iterator[Row]:
-    """The check of the FMU Manipulation Toolbox: schema and rules of the standard. Runs nothing."""
+    """Check the FMU with the FMU Manipulation Toolbox: schema and rules of the standard. It does not run the FMU."""
     _program("fmutool", "-input", task.path, "-check")
     yield from ()
 
 
 def fmucontainer(task: Task) -> Iterator[Row]:
-    """Packed into a container of the FMU Manipulation Toolbox, whose master steps it; the container in fmpy."""
+    """Pack the FMU into a container of the FMU Manipulation Toolbox, and run the container in fmpy."""
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)
         shutil.copy(task.path, folder / "fin.fmu")
@@ -289,14 +289,14 @@ def fmucontainer(task: Task) -> Iterator[Row]:
 
 def _in_fmusim(task: Task, environment: Mapping[str, str]) -> Iterator[Row]:
     with TemporaryDirectory() as temporary:
-        given, table = Path(temporary) / "in.csv", Path(temporary) / "out.csv"
-        with given.open("w", newline="", encoding="utf-8") as file:
+        inputs, table = Path(temporary) / "in.csv", Path(temporary) / "out.csv"
+        with inputs.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(["time", *task.inputs])
             writer.writerows([k * task.step, *map(_words, task.at(k).values())] for k in range(task.steps))
         starts = [word for name, value in task.parameters.items() for word in ("--start-value", name, _words(value))]
         _program("fmusim", "--interface-type", "cs", "--stop-time", str(task.steps * task.step), "--output-interval",
-                 str(task.step), *starts, "--input-file", given, "--output-file", table, "--logging-on", task.path,
+                 str(task.step), *starts, "--input-file", inputs, "--output-file", table, "--logging-on", task.path,
                  environment=environment)
         with table.open(encoding="utf-8") as file:
             for row in list(csv.DictReader(file))[1:]:
@@ -304,23 +304,22 @@ def _in_fmusim(task: Task, environment: Mapping[str, str]) -> Iterator[Row]:
 
 
 def fmusim(task: Task) -> Iterator[Row]:
-    """fmusim of the Reference FMUs, by a table of inputs."""
+    """Run fmusim of the Reference FMUs with a table of inputs."""
     return _in_fmusim(task, {})
 
 
 def fmusim_preloaded(task: Task) -> Iterator[Row]:
-    """The same, with Python's library loaded before."""
+    """Run fmusim with Python's library preloaded."""
     library = Path(str(sysconfig.get_config_var("LIBDIR"))) / str(sysconfig.get_config_var("INSTSONAME"))
     return _in_fmusim(task, {"LD_PRELOAD": str(library)})
 
 
 @dataclass(frozen=True)
 class Client:
-    """A client, what pages call it, its package on PyPI, the module to import, and programs of the system with their
-    Debian packages.
+    """A client: its title on pages, package on PyPI, module to import, and system programs with their Debian packages.
 
-    Without `whole` the angles alone are what they are to others: sofirpy reads outputs after it has set the inputs of
-    the next step, which those that depend on inputs at once follow; pathsim-fmi takes Booleans for reals.
+    Without `whole` only angles can be compared: sofirpy reads outputs after it has set the inputs of the next step, and
+    pathsim-fmi reads Booleans as Reals.
     """
 
     run: Callable[[Task], Iterator[Row]]
@@ -335,7 +334,7 @@ _TOOLBOX = ("fmu-manipulation-toolbox", "fmu_manipulation_toolbox")
 CLIENTS: Mapping[str, Client] = {
     "fmpy": Client(fmpy, "fmpy", "fmpy", "fmpy"),
     "rebuilt": Client(rebuilt, "fmpy: sources rebuilt by cmake", "fmpy", "fmpy",
-                      (("make", "make"), ("gcc", "gcc"), ("g++", "g++"))),  # the project asks for C++ too
+                      (("make", "make"), ("gcc", "gcc"), ("g++", "g++"))),  # the cmake project requires C++
     "libcosimpy": Client(libcosimpy, "libcosim (libcosimpy)", "libcosimpy", "libcosimpy"),
     "ecospy": Client(ecospy, "Ecos (ecospy)", "ecospy", "ecospy", (("unzip", "unzip"),)),
     "sofirpy": Client(sofirpy, "sofirpy", "sofirpy", "sofirpy", whole=False),
@@ -347,17 +346,17 @@ CLIENTS: Mapping[str, Client] = {
     "fmusim_preloaded": Client(fmusim_preloaded, "fmusim with libpython preloaded", "", "fmpy"),
 }
 CHECKS = ("fmutool",)
-"""Those that run nothing."""
+"""Clients that do not run the FMU."""
 
 
-def main(client: str, fmu: str, given: str, table: str) -> None:
-    """Write the table, if the client runs anything."""
+def main(client: str, fmu: str, task_file: str, table: str) -> None:
+    """Run the client, and write the table if there are results."""
     try:
         importlib.import_module(CLIENTS[client].module)
-    except (ImportError, OSError) as error:  # OSError: a library it needs
+    except (ImportError, OSError) as error:  # OSError: a missing library
         print(f"{type(error).__name__}: {error}", file=sys.stderr)
         sys.exit(ABSENT)
-    task = Task(Path(fmu), **json.loads(Path(given).read_text(encoding="utf-8")))
+    task = Task(Path(fmu), **json.loads(Path(task_file).read_text(encoding="utf-8")))
     rows = [[np.atleast_1d(value) for value in row] for row in CLIENTS[client].run(task)]
     if not rows:
         return

@@ -1,4 +1,4 @@
-"""A state of one process goes on in another."""
+"""An FMU state saved in one process continues in another."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from .units import UNITS
 
 pytestmark = [pytest.mark.fmu, pytest.mark.slow]
 TESTS = Path(__file__).parents[1]
-# On the standard library only: any Python may run it.
+# Any Python can run it: it needs the standard library only.
 RUN = """
 import json, pathlib, sys
 sys.path.insert(0, sys.argv[1])
 from host import OK, Fmu, Instance
-unit, state, what = Instance(Fmu(sys.argv[2])), pathlib.Path(sys.argv[3]), sys.argv[4]
+unit, state, action = Instance(Fmu(sys.argv[2])), pathlib.Path(sys.argv[3]), sys.argv[4]
 begin, end, commands, loads, parameters = json.loads(sys.argv[5])
-assert max(unit.initialize(**({} if what == "restore" else parameters))) == OK
-if what == "restore":
+assert max(unit.initialize(**({} if action == "restore" else parameters))) == OK
+if action == "restore":
     assert unit.restore(state.read_bytes()) == OK
 rows = []
 for k in range(begin, end):
@@ -32,33 +32,33 @@ for k in range(begin, end):
     assert max(unit.set(name, value) for name, value in inputs.items()) == OK
     assert unit.step(k * 1e-3, 1e-3) == OK
     rows.append({name: float(value).hex() for name, value in unit.outputs().items()})
-if what == "save":
+if action == "save":
     state.write_bytes(unit.serialize(unit.save()))
 unit.free()
 assert "emcas_fmu" not in sys.modules
 print(json.dumps(rows))
 """
-MIDDLE, END = 100, 200  # ms: amid a motion, the command under way in the drive's delay line
+MIDDLE, END = 100, 200  # ms; at 100 ms the fin moves, and the drive's delay buffer contains commands
 
 
 def interpreters() -> list[str]:
-    """This Python, and the system's where that is another that will do."""
+    """Return this Python, and the system's if its version differs and is supported."""
     system = shutil.which("python3", path="/usr/bin") or sys.executable
     done = subprocess.run([system, "-c", "import sys; print(*sys.version_info[:2])"], capture_output=True, text=True)
     version = tuple(map(int, done.stdout.split()))
     return [sys.executable, *([system] if (3, 10) <= version != sys.version_info[:2] else [])]
 
 
-@pytest.mark.parametrize("unit", [name for name in UNITS if name != "four3"])  # its names are of arrays
-def test_goes_on_bit_for_bit(unit: str, tmp_path: Path) -> None:
-    """Saved to a file amid a step response; restored by a process that has set no parameter and made no step."""
+@pytest.mark.parametrize("unit", [name for name in UNITS if name != "four3"])  # four3 has names of arrays
+def test_state_continues_with_the_same_bits_in_another_process(unit: str, tmp_path: Path) -> None:
+    """The other process sets no parameter and makes no step before it restores the state."""
     with zipfile.ZipFile(UNITS[unit].build(tmp_path)) as archive:
         archive.extractall(tmp_path / "unpacked")
 
-    def rows(program: str, begin: int, end: int, what: str) -> Any:
+    def rows(program: str, begin: int, end: int, action: str) -> Any:
         task = json.dumps([begin, end, UNITS[unit].commands, UNITS[unit].loads, UNITS[unit].parameters])
         done = subprocess.run([program, "-I", "-S", "-c", RUN, TESTS / "fmu", tmp_path / "unpacked", tmp_path / "state",
-                               what, task], capture_output=True, text=True, timeout=120)
+                               action, task], capture_output=True, text=True, timeout=120)
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout)
 
@@ -66,4 +66,4 @@ def test_goes_on_bit_for_bit(unit: str, tmp_path: Path) -> None:
     assert rows(sys.executable, 0, MIDDLE, "save") == whole[:MIDDLE]
     for program in interpreters():
         assert rows(program, MIDDLE, END, "restore") == whole[MIDDLE:]
-    assert max(float.fromhex(row[UNITS[unit].angles[0]]) for row in whole) > 0.1  # of the commanded 0.15 rad
+    assert max(float.fromhex(row[UNITS[unit].angles[0]]) for row in whole) > 0.1  # rad, of the commanded 0.15 rad

@@ -1,4 +1,4 @@
-"""The FMUs that clients get, and what they do with them."""
+"""The FMUs for the clients, and the inputs of their runs."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ REFERENCES = Path(__file__).parents[2] / "models" / "reference"
 
 @dataclass(frozen=True)
 class Unit:
-    """An FMU: arguments of `build`, back end and model; its commands and angles, of which several fins have several.
+    """An FMU: arguments of `build`, back end, model, and names of its commands and angles.
 
-    Where it has no `loads` its angles are those of the reference response `EMCAS_step`, which is without encoder. The
-    others are loaded too, and compared with fmpy's run.
+    Without `loads` its angles are compared with the reference response `EMCAS_step`, which has no encoder. With `loads`
+    they are compared with fmpy's run only.
     """
 
     title: str
@@ -36,16 +36,16 @@ class Unit:
 
     @property
     def reference(self) -> bool:
-        """Whether its angles are those of the reference response."""
+        """Whether its angles are compared with the reference response."""
         return not self.loads
 
     @property
     def sources(self) -> bool:
-        """Whether it has sources, to be built from."""
+        """Whether it contains sources."""
         return self.backend == "native"
 
     def build(self, folder: Path) -> Path:
-        """Build it for this platform: `native` as users build it, other native ones only to be run."""
+        """Build the FMU for this platform: `native` as users build it, the other native ones without optimisation."""
         parameters, path = load_parameters(model=self.model), folder / "unit.fmu"
         if self.sources and self != UNITS["native"]:
             return lean(parameters, path, **self.arguments)
@@ -55,7 +55,7 @@ class Unit:
                      **self.arguments).path
 
     def task(self) -> dict[str, Any]:
-        """What clients do with it, as :class:`.clients.Task` has it: the reference's commands, each held for a step."""
+        """Return step, parameters and inputs for :class:`.clients.Task`: the reference's commands, and loads."""
         case = step()
         command = case.inputs["fin_command"][:-1].tolist()
         load = [-15.0 if k > len(command) // 3 else 0.0 for k in range(len(command))]  # N.m
@@ -67,7 +67,7 @@ class Unit:
 
 @cache
 def step() -> Stored:
-    """The reference response `EMCAS_step`."""
+    """Return the reference response `EMCAS_step`."""
     (case,) = load(REFERENCES, ["step"])
     return case
 

@@ -1,4 +1,4 @@
-"""Every actuator through every tool: what a tool refuses, docs/tools/README.md gives the reason for."""
+"""Every tool runs every actuator, or refuses it for a reason in docs/tools/README.md."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ TOGETHER = ("nonlinear+lugre+heat+homing+supply+faults", "elastic+stribeck+effic
             "ristanovic+stribeck+efficiency+heat+homing+supply+faults", "second-order+faults")
 FURTHER = tuple(str(FOLDER / f"{name}.py") for name in ("strain_wave", "hot_gas"))
 ACTUATORS = (*NAMES, DIRECT_DRIVE, *FURTHER, *TOGETHER)
-# A user's, for which the tools have no other tests; the others take minutes together.
+# Its cases are not marked slow: the tools have no other tests of a user's actuator. All others together take minutes.
 ALWAYS = (DIRECT_DRIVE,)
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "tools" / "README.md"
 
 
 def gain(model: str) -> tuple[str, str, str]:
-    """A parameter that an actuator of any kind has, and 95 and 105 % of it: a gain, or how fast the fin follows."""
+    """Return a gain or natural frequency of an actuator, and texts of 95 and 105 % of its value."""
     base = load_parameters(model=model)
     parameter = next(v for v in get(model).parameters
                      if v.name in ("controller.position.kp", "controller.kp", "second_order.natural_frequency"))
@@ -39,19 +39,19 @@ def gain(model: str) -> tuple[str, str, str]:
 
 
 def written(folder: Path, text: str) -> str:
-    """A file with a text; a parameter file that changes nothing has none."""
+    """Write a text to a file, and return its path; a parameter file without text changes nothing."""
     path = folder / "written.toml"
     path.write_text(text, encoding="utf-8")
     return str(path)
 
 
 def unit(folder: Path, model: str) -> str:
-    """Return an actuator's FMU for this platform; without one `ssp` builds for every platform, as for ALWAYS."""
+    """Build an actuator's FMU for this platform; without an FMU, `ssp` builds one for every platform."""
     return str(lean(load_parameters(model=model), folder / "unit.fmu"))
 
 
-def recorded(folder: Path, model: str) -> str:
-    """A record of an actuator's step."""
+def record(folder: Path, model: str) -> str:
+    """Write the step response of an actuator to a file, and return its path."""
     path = folder / "record.csv"
     simulate(load_parameters(model=model), stop=0.2, fin_command="2 deg").write_csv(path)
     return str(path)
@@ -70,8 +70,8 @@ TOOLS: dict[str, Callable[[Path, str], list[str]]] = {
     "baseline": lambda folder, model: ["record", written(folder, ""), "-o", str(folder / "baseline")],
     "tune": lambda folder, model: [
         written(folder, studies.tuning(*gain(model))), "--generations", "1", "--workers", "1"],
-    "calibrate": lambda folder, model: [recorded(folder, model), "--free", gain(model)[0], "--compare", "fin_angle"],
-    "analyse": lambda folder, model: [  # within a limit that fewer amplitudes reach than the shipped one
+    "calibrate": lambda folder, model: [record(folder, model), "--free", gain(model)[0], "--compare", "fin_angle"],
+    "analyse": lambda folder, model: [  # with a smaller command limit, hence fewer amplitudes
         "-p", written(folder, '[command]\nlimit = "4 deg"\n'), "--json", str(folder / "analysis.json")],
     "campaign": lambda folder, model: [
         written(folder, studies.campaign(gain(model)[0])), "-o", str(folder / "c"), "--workers", "0"],
@@ -83,38 +83,37 @@ TOOLS: dict[str, Callable[[Path, str], list[str]]] = {
 
 
 def reasons(tool: str) -> list[str]:
-    """What the page says `emcas TOOL` refuses with: the texts in quotes in its row."""
+    """Return the messages with which the tool refuses actuators: the texts in quotes in its row of the page."""
     rows = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith(f"| `{tool.split()[0]}`")]
     assert rows, f"{PAGE.name} has no row of {tool}"
     return re.findall(r"“([^”]+)”", " ".join(rows))
 
 
-# ssp compiles for every platform, explore for browsers; what is compiled for them is not run.
-ELSEWHERE = ("explore", "ssp")
-# Of a user's actuator tests/acceptance, analysis, fmu and campaign have quick tests, too.
-DEAR = ("report", "analyse", "build --fins", "campaign")
-# tests/acceptance runs `emcas report` of the shipped actuators and of an elastic line with options; tests/explore
-# makes and runs the pages of all but FURTHER.
-OTHERS = {"report": {*NAMES, TOGETHER[1]}, "explore": {*NAMES, DIRECT_DRIVE, *TOGETHER}}
-CASES = [(model, tool) for model in ACTUATORS for tool in TOOLS if model not in OTHERS.get(tool, ())]
+# ssp compiles for every platform, explore for browsers; these libraries do not run here.
+CROSS_COMPILING = ("explore", "ssp")
+# tests/acceptance, analysis, fmu and campaign have quick tests of these tools with a user's actuator.
+TESTED_QUICKLY = ("report", "analyse", "build --fins", "campaign")
+# tests/acceptance runs `emcas report` of these actuators, and tests/explore runs the pages of these.
+TESTED_ELSEWHERE = {"report": {*NAMES, TOGETHER[1]}, "explore": {*NAMES, DIRECT_DRIVE, *TOGETHER}}
+CASES = [(model, tool) for model in ACTUATORS for tool in TOOLS if model not in TESTED_ELSEWHERE.get(tool, ())]
 
 
 @pytest.mark.parametrize(("model", "tool"), [
     pytest.param(model, tool, id=f"{Path(model).stem}-{tool}", marks=[
         *([pytest.mark.drawn] if model in ALWAYS or tool == "build" else []),
-        *([] if model in ALWAYS and tool not in (*ELSEWHERE, *DEAR) else [pytest.mark.slow])])
+        *([] if model in ALWAYS and tool not in (*CROSS_COMPILING, *TESTED_QUICKLY) else [pytest.mark.slow])])
     for model, tool in CASES])
-def test_a_tool_serves_an_actuator_or_says_why_not(model: str, tool: str, tmp_path: Path,
-                                                   monkeypatch: pytest.MonkeyPatch) -> None:
-    """Exit code 1 is a verdict: the thesis's requirements are not those of an actuator of another kind."""
+def test_tool_runs_an_actuator_or_gives_the_documented_reason(model: str, tool: str, tmp_path: Path,
+                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exit code 1 means missed requirements: the thesis's do not apply to actuators of other kinds."""
     monkeypatch.chdir(tmp_path)
     command, arguments = tool.split()[0], TOOLS[tool](tmp_path, model)
-    if tool in ELSEWHERE and library.available(model):  # the kernel that runs here is compiled as ever
+    if tool in CROSS_COMPILING and library.available(model):  # after the kernel for this machine has been compiled
         monkeypatch.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-O0"))
     done = CliRunner().invoke(app, [command, *arguments, "--model", model])
     if done.exit_code == 2:
-        said = " ".join(done.stderr.split())
-        assert any(reason in said for reason in reasons(tool)), said
+        message = " ".join(done.stderr.split())
+        assert any(reason in message for reason in reasons(tool)), message
         return
-    judged = (0, 1) if command in ("validate", "report", "tune", "calibrate") else (0,)
-    assert done.exit_code in judged, done.output + done.stderr
+    codes = (0, 1) if command in ("validate", "report", "tune", "calibrate") else (0,)
+    assert done.exit_code in codes, done.output + done.stderr

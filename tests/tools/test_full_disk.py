@@ -1,4 +1,4 @@
-"""The disk runs full while a command computes: what was there is there, byte for byte, and a line says so."""
+"""If the disk becomes full while a command runs, old files keep their bytes, and one line names the cause."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests.marks import slow
 OLD = b"# what was there\n"
 BENCH = Path(__file__).resolve().parents[2] / "examples" / "identification_bench" / "records"
 SMALL = "--model second-order"
-# What writes each output: small runs, which are carried out. A baseline and an archive to check are made before.
+# Short commands with their outputs. The fixture `inputs` writes the files that they read.
 RUNS = {
     f"simulate --step 1 --stop 0.1 --kernel python {SMALL}": (
         "-o x.csv", "--plot x.svg", "--plot x.png", "--plot x.html", "--json x.json"),
@@ -55,10 +55,10 @@ FOLDERS = {
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with what the runs read."""
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the files that the commands read."""
     folder = tmp_path_factory.mktemp("made")
-    library.available("linear")  # a kernel that is compiled during a command is announced, a line more
+    library.available("linear")  # otherwise a command prints a further line when it compiles the kernel
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for command in (f"baseline record {SMALL} -o made", f"build --no-references {SMALL} -o made.fmu",
@@ -73,69 +73,70 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Return what is in a folder, but for what a campaign goes on with."""
+    """Return the files of a folder, without the parts with which a campaign resumes."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*")
             if path.is_file() and path.parent.name != "results"}
 
 
 @pytest.fixture
-def run_full(made: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, Sequence[str]], Result]:
-    """Carries out a command over outputs that are there, while the disk of the present folder has run full."""
+def run_on_full_disk(inputs: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, Sequence[str]], Result]:
+    """Function that runs a command on a full disk with existing outputs, and asserts that no file changes."""
     def run(command: str, outputs: Sequence[str]) -> Result:
         for output in outputs:
             Path(output).parent.mkdir(exist_ok=True)
             Path(output).write_bytes(OLD)
-        before = contents(made)
+        before = contents(inputs)
         done = CliRunner().invoke(app, command.split())
-        after = contents(made)
+        after = contents(inputs)
         for output in outputs:
             Path(output).unlink()
         assert after == before
         return done
 
     def flush(descriptor: int) -> None:
-        if any(os.path.samestat(os.fstat(descriptor), path.stat()) for path in made.rglob("*") if path.is_file()):
+        if any(os.path.samestat(os.fstat(descriptor), path.stat()) for path in inputs.rglob("*") if path.is_file()):
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.chdir(made)
+    monkeypatch.chdir(inputs)
     monkeypatch.setattr(os, "fsync", flush)
-    for trial in ("try_file", "try_folder"):  # there was room when the command began
+    for trial in ("try_file", "try_folder"):  # the disk is not yet full when the command begins
         monkeypatch.setattr(common, trial, lambda *_: None)
     return run
 
 
-def check(done: Result) -> None:
+def check_error(done: Result) -> None:
     assert done.exit_code == 2, done.output
-    (said,) = [line for line in done.stderr.splitlines() if "warning:" not in line and not line.startswith("tune ")]
+    (line,) = [line for line in done.stderr.splitlines() if "warning:" not in line and not line.startswith("tune ")]
     assert re.fullmatch(r"error: \S+: cannot be written: the disk is full; free some space or choose another path",
-                        said)
+                        line)
 
 
 @pytest.mark.parametrize(("command", "option"), [
     *((command, option) for command, options in RUNS.items() for option in options),
     *slow(*((command, option) for command, options in SLOW.items() for option in options))])
-def test_a_file_that_was_there_stays(command: str, option: str, run_full: Callable[[str, Sequence[str]], Result]
-                                     ) -> None:
-    check(run_full(f"{command} {option}", [option.split()[1]]))
+def test_full_disk_keeps_the_old_file(command: str, option: str,
+                                      run_on_full_disk: Callable[[str, Sequence[str]], Result]) -> None:
+    check_error(run_on_full_disk(f"{command} {option}", [option.split()[1]]))
 
 
 @pytest.mark.parametrize(("command", "file"), [
     (f"baseline record {SMALL} --fresh -o x", "step.csv"),
     ("reference --case step_plus1 --directory x", "EMCAS_step_plus1_ref.opt")])
-def test_files_of_a_folder_are_tried_before_long_work(command: str, file: str, tmp_path: Path,
-                                                      monkeypatch: pytest.MonkeyPatch) -> None:
-    def begun(*_: object, **__: object) -> NoReturn:
-        raise AssertionError("it has begun")
+def test_unwritable_file_of_a_folder_is_an_error_before_the_long_run(command: str, file: str, tmp_path: Path,
+                                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+    def long_run(*_: object, **__: object) -> NoReturn:
+        raise AssertionError("the long run has begun")
 
     monkeypatch.chdir(tmp_path)
     Path("x", file).mkdir(parents=True)
-    monkeypatch.setattr(comparison, "record", begun)
-    monkeypatch.setattr(files, "regenerate", begun)
+    monkeypatch.setattr(comparison, "record", long_run)
+    monkeypatch.setattr(files, "regenerate", long_run)
     done = CliRunner().invoke(app, command.split())
     assert done.exit_code == 2
     assert f"x/{file}: is a folder; give a file for the output" in done.stderr
 
 
 @pytest.mark.parametrize("command", FOLDERS)
-def test_files_that_belong_together_stay(command: str, run_full: Callable[[str, Sequence[str]], Result]) -> None:
-    check(run_full(command, [f"x/{name}" for name in FOLDERS[command]]))
+def test_full_disk_keeps_all_old_files_of_a_folder(command: str,
+                                                   run_on_full_disk: Callable[[str, Sequence[str]], Result]) -> None:
+    check_error(run_on_full_disk(command, [f"x/{name}" for name in FOLDERS[command]]))
