@@ -1,4 +1,4 @@
-"""A headless Chromium that opens a page, and the pages it opens."""
+"""A headless Chromium, and the pages that it opens."""
 
 from __future__ import annotations
 
@@ -15,46 +15,46 @@ from emcas_fmu.studies.explore import page
 from tests.docs.recipes import ROOT
 from tests.hosts.host import missing, tool
 
-SHOWN = ROOT / "docs" / "explore" / "nonlinear.html"  # the default actuator's
-PATIENCE = 60.0  # s, on a loaded machine
+DEFAULT_PAGE = ROOT / "docs" / "explore" / "nonlinear.html"  # of the default actuator
+TIMEOUT = 60.0  # s, on a loaded machine
 
 
 class Browser:
-    """A page in a window; scripts see the page's own functions by their names."""
+    """An open page; scripts can call the page's functions by their names."""
 
     def __init__(self, driver: Any) -> None:
         self.driver = driver
 
-    def keep_open(self) -> None:
-        """Open the default actuator's page, unless it is open."""
-        if not self.driver.current_url.startswith(SHOWN.as_uri()) or not self.run("window.page !== undefined"):
-            self.open(SHOWN)
+    def open_default(self) -> None:
+        """Open the default actuator's page if it is not open."""
+        if not self.driver.current_url.startswith(DEFAULT_PAGE.as_uri()) or not self.run("window.page !== undefined"):
+            self.open(DEFAULT_PAGE)
 
     def renew(self) -> None:
-        """Let the default actuator's page begin anew."""
-        self.keep_open()
+        """Reset the default actuator's page."""
+        self.open_default()
         self.run("(page => { page.hash = null; history.replaceState(null, '', '#'); page.restore(); })(window.page)")
-        self.settled()
+        self.settle()
 
     def open(self, path: Path, link: str = "") -> None:
         """Open a page and wait for its first response."""
         self.load(path, link)
         self.driver.execute_async_script("const done = arguments[0]; loaded.then(page => {"
                                          "window.page = page; done(); });")
-        self.settled()
+        self.settle()
 
     def load(self, path: Path, link: str = "") -> None:
-        """Open any page, anew."""
+        """Load any page."""
         self.driver.get("about:blank")
         self.driver.get(path.as_uri() + link)
 
     def run(self, script: str, *arguments: Any) -> Any:
-        """Return the value of an expression of JavaScript; NaN and infinities as such."""
+        """Return the value of an expression of JavaScript."""
         return self.driver.execute_script(f"return ({script});", *arguments)
 
     def wait(self, condition: str) -> None:
         """Wait until an expression is true."""
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + TIMEOUT
         while not self.run(condition):
             assert time.monotonic() < end, condition
             time.sleep(0.02)
@@ -62,14 +62,14 @@ class Browser:
     def set(self, name: str, value: Any) -> None:
         """Set a value [SI] as a control does, and wait for the response."""
         self.run("window.page.change(...arguments)", name, value)
-        self.settled()
+        self.settle()
 
-    def settled(self) -> None:
+    def settle(self) -> None:
         """Wait for the frame in which the response is computed."""
         self.driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
 
-    def rested(self, action: str) -> None:
-        """Do something, and wait for what the page computes when nothing has changed for a while: at once."""
+    def run_and_finish(self, action: str) -> None:
+        """Run a script, and wait for the long computations, which the page otherwise begins after a pause."""
         self.driver.execute_async_script(f"""const done = arguments[0]; {action};
             requestAnimationFrame(() => requestAnimationFrame(() => {{
                 clearTimeout(window.page.timer);
@@ -77,19 +77,19 @@ class Browser:
             }}));""")
 
     def size(self, width: int, height: int = 900) -> None:
-        """Give the window another size."""
+        """Set the size of the window [px]."""
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
             "width": width, "height": height, "deviceScaleFactor": 1, "mobile": False})
 
     @property
     def complaints(self) -> list[str]:
-        """What the console got since it was read last."""
+        """Messages on the console since the last call."""
         return [line["message"] for line in self.driver.get_log("browser")]
 
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """Start a browser that asks nothing of a network. Skips the test where there is none."""
+    """Start a browser without network traffic; skip the test if there is no browser."""
     try:
         from selenium import webdriver
     except ImportError:
@@ -104,15 +104,15 @@ def chromium() -> Iterator[Browser]:
             options.add_argument(argument)
         options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
         driver = webdriver.Chrome(options, webdriver.ChromeService(server))
-        driver.set_script_timeout(PATIENCE)
+        driver.set_script_timeout(TIMEOUT)
         try:
             yield Browser(driver)
         finally:
             driver.quit()
 
 
-def written(folder: Path, model: str, requirements: Path | None = None) -> Path:
-    """The page of an actuator with its default parameters."""
+def write_page(folder: Path, model: str, requirements: Path | None = None) -> Path:
+    """Write the page of an actuator with its default parameters, and return its path."""
     path = folder / "explore.html"
     subject = ParameterSubject(load_parameters(model=model))
     path.write_text(page.render(subject, {}, "emcas explore", requirements=requirements), encoding="utf-8")

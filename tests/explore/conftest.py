@@ -1,4 +1,4 @@
-"""One browser for all tests of a process."""
+"""Fixtures: one browser for all tests of a process, and the default actuator's page in it."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from .browser import Browser, chromium
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    with chromium() as opened:
-        yield opened
+    with chromium() as browser:
+        yield browser
 
 
 @pytest.fixture
-def opened(browser: Browser) -> Iterator[Browser]:
-    """The default actuator's page as it opens; its console stays empty."""
+def tab(browser: Browser) -> Iterator[Browser]:
+    """A tab with the default actuator's page as it opens; the test fails if the page prints to the console."""
     browser.size(1400)
     browser.renew()
     yield browser

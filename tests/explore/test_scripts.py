@@ -1,4 +1,4 @@
-"""The page's scripts beside what they are ports of."""
+"""The page's scripts compared with the package's Python functions."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ from emcas_fmu.motions import KINDS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.explore import page
 
-from .browser import Browser, written
+from .browser import Browser, write_page
 
 DEG = math.radians(1.0)
-# Sums are taken in another order, and sin and expm1 are another library's: last digits of 12 000 terms.
+# Relative. Rounding in sums of 12 000 terms in another order, and sin and expm1 of another library.
 ROUNDING = 1e-9
-# Differences of the equations have 1e-7 of a Jacobian, splines between the bench's frequencies 1e-6 of a margin:
-# 1.5e-6 at most (ristanovic).
+# Relative. Numerical derivatives have errors of 1e-7 of a Jacobian, splines between the bench's frequencies 1e-6 of a
+# margin: together 1.5e-6 at most (ristanovic).
 MARGINS = 1e-5
 
 
 @pytest.fixture
 def scripts(browser: Browser) -> Browser:
-    """Any page, of which the functions alone are called."""
-    browser.keep_open()
+    """A page whose functions can be called."""
+    browser.open_default()
     return browser
 
 
@@ -50,7 +50,7 @@ def subject() -> ParameterSubject:
 
 
 def run_of(run: Run, names: Iterable[str] | None = None) -> str:
-    """A run as the scripts have it, as JavaScript; with all outputs, or those named."""
+    """Return a run as an expression of JavaScript, with all outputs or the named ones."""
     names = run.columns.keys() - {"time"} if names is None else names
     columns = json.dumps({name: column.tolist() for name, column in run.excitation.columns.items()})
     outputs = json.dumps({name: column.tolist() for name, column in run.columns.items() if name in names})
@@ -61,28 +61,29 @@ def run_of(run: Run, names: Iterable[str] | None = None) -> str:
 
 
 def columns_of(browser: Browser, script: str) -> dict[str, np.ndarray[Any, Any]]:
-    made = browser.run(f"(e => ({{time: [...e.time], begin: e.begin, columns: Object.fromEntries("
-                       f"Object.entries(e.columns).map(([n, c]) => [n, [...c]]))}}))({script})")
-    return {"time": np.array(made["time"]), "begin": made["begin"],
-            **{name: np.array(column) for name, column in made["columns"].items()}}
+    """Return time, begin and inputs of the excitation that a script returns."""
+    excitation = browser.run(f"(e => ({{time: [...e.time], begin: e.begin, columns: Object.fromEntries("
+                             f"Object.entries(e.columns).map(([n, c]) => [n, [...c]]))}}))({script})")
+    return {"time": np.array(excitation["time"]), "begin": excitation["begin"],
+            **{name: np.array(column) for name, column in excitation["columns"].items()}}
 
 
-def test_a_page_whose_unit_does_not_run_says_so(browser: Browser, tmp_path: Path,
+def test_page_that_cannot_run_its_actuator_has_a_message(browser: Browser, tmp_path: Path,
                                                 monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page, "compiled", lambda files: b"")
-    browser.open(written(tmp_path, "nonlinear"))
+    browser.open(write_page(tmp_path, "nonlinear"))
     assert "cannot run the page's actuator" in browser.run("document.getElementById('problems').textContent")
 
 
-def test_messages_have_their_numbers_as_in_python(scripts: Browser) -> None:
+def test_numbers_are_formatted_as_in_python(scripts: Browser) -> None:
     rng = np.random.default_rng(1)
     numbers = [0.0, 1.0, -1.0, 0.1, 123456.0, 1234567.0, 999999.5, 1e-4, 9.9999995e-5, 1e-300, 1e300, 20.0, 100000.0,
                *(rng.standard_normal(200) * 10.0 ** rng.integers(-12, 12, 200)).tolist()]
     for digits in (4, 6, 9):
         found = scripts.run(f"arguments[0].map(x => general(x, {digits}))", numbers)
         assert found == [f"{x:.{digits}g}" for x in numbers]
-    said = scripts.run("formatted('%s = %.9g is 5 %% above %.6g', ['a.b', 0.1, 1e-7])")
-    assert said == "a.b = 0.1 is 5 % above 1e-07"
+    text = scripts.run("formatted('%s = %.9g is 5 %% above %.6g', ['a.b', 0.1, 1e-7])")
+    assert text == "a.b = 0.1 is 5 % above 1e-07"
 
 
 EXCITATIONS: list[tuple[str, dict[str, float]]] = [
@@ -95,34 +96,34 @@ EXCITATIONS: list[tuple[str, dict[str, float]]] = [
 
 
 @pytest.mark.parametrize(("kind", "fields"), EXCITATIONS)
-def test_excitations_are_the_bench_s(scripts: Browser, kind: str, fields: dict[str, float]) -> None:
-    made = excitations.motion(kind, **fields)
+def test_excitations_equal_the_bench_s(scripts: Browser, kind: str, fields: dict[str, float]) -> None:
+    expected = excitations.motion(kind, **fields)
     found = columns_of(scripts, f"excitationOf('{kind}', {json.dumps(fields)})")
-    assert found.pop("begin") == made.begin
-    np.testing.assert_array_equal(found.pop("time"), made.time)
-    assert found.keys() == made.columns.keys()
-    for name, column in made.columns.items():
+    assert found.pop("begin") == expected.begin
+    np.testing.assert_array_equal(found.pop("time"), expected.time)
+    assert found.keys() == expected.columns.keys()
+    for name, column in expected.columns.items():
         np.testing.assert_allclose(found[name], column, rtol=0, atol=ROUNDING * np.max(np.abs(column), initial=1e-300))
 
 
-def test_every_kind_of_the_page_is_compared(scripts: Browser) -> None:
+def test_excitations_above_contain_every_kind_of_the_page(scripts: Browser) -> None:
     assert {*scripts.run("Object.keys(SHARES)")} == {kind for kind, _ in EXCITATIONS}
     assert scripts.run("Object.keys(DATA.kinds)") == [*(name for name, kind in KINDS.items() if kind.usual), "csv"]
 
 
-def test_tests_of_the_requirements_are_the_bench_s(scripts: Browser, subject: ParameterSubject) -> None:
-    """To the bit, at another supply than the page's."""
+def test_excitations_of_requirements_have_the_bench_s_bits(scripts: Browser, subject: ParameterSubject) -> None:
+    """At another supply voltage than the page's."""
     changed = ParameterSubject(subject.parameters.with_values({"drive.supply_voltage": 31.7}))
     listed = load_requirements(None, changed.parameters).requirements
     tests = dict.fromkeys(r.test for r in listed if r.test)
     starts = {name: float(v.initial(changed.values)) for name, v in changed.inputs.items()}
     assert len(tests) == scripts.run("DATA.tests.length")
     for k, test in enumerate(tests):
-        made: Iterable[Excitation] = (
+        runs: Iterable[Excitation] = (
             () if test.kind in ("sine", "linear") else
             measure.histories(test, changed, starts) if test.kind == "repeat" else
             [measure.excitation(test, sign, changed) for sign in (1.0, -1.0)])
-        for run, each in enumerate(made):
+        for run, each in enumerate(runs):
             found = columns_of(
                 scripts, f"testExcitation(DATA.tests[{k}].runs[{run}], new Setting({{supply_voltage: 31.7}}))")
             assert found.pop("begin") == each.begin
@@ -132,19 +133,19 @@ def test_tests_of_the_requirements_are_the_bench_s(scripts: Browser, subject: Pa
                 np.testing.assert_array_equal(found[name], column, err_msg=f"{test} {name}")
 
 
-def test_figures_are_the_bench_s(scripts: Browser, subject: ParameterSubject) -> None:
+def test_figures_equal_the_bench_s(scripts: Browser, subject: ParameterSubject) -> None:
     for name in ("step_plus20", "step_minus1"):
         run = subject.run(excitations.reference_case(name, exact=False))
-        whole = replace(run, excitation=replace(run.excitation, begin=0.0))  # as emcas simulate has it
+        whole = replace(run, excitation=replace(run.excitation, begin=0.0))  # as `emcas simulate` does
         expected = {**metrics.motion(run, -1), **metrics.usage(whole)}
         found = scripts.run(f"figures({run_of(run)})")
         assert found.keys() == expected.keys()
-        # A steady error is a small difference of angles: 1e-12 rad is the rounding of those.
+        # A steady error is a small difference of angles, whose rounding is 1e-12 rad.
         assert found == pytest.approx(expected, rel=ROUNDING, abs=1e-12)
 
 
 def check_verdict(browser: Browser, expected: Sequence[Judged], values: Mapping[str, Any] | None = None) -> None:
-    """Fail unless the page that is open judges a setting as the bench does."""
+    """Assert that the open page judges a setting as the bench does."""
     found = browser.run("(measured => DATA.requirements.map(r => r.left_out ? null : judged(r, measured)))("
                         "COMPUTATIONS.measured(window.page.actuator, new Setting(arguments[0])))", values or {})
     for j, one in zip(expected, found, strict=True):
@@ -156,21 +157,20 @@ def check_verdict(browser: Browser, expected: Sequence[Judged], values: Mapping[
         if j.measured is None:
             assert one["value"] is None or not math.isfinite(one["value"]), j.name
         else:
-            # As of figures; sines differ in their last bit, which shows in no bisection.
-            off = MARGINS if j.figure.endswith("_margin") else ROUNDING
-            assert one["value"] == pytest.approx(j.measured, rel=off, abs=1e-9), j.name
+            # As in test_figures; sines differ in their last bit, which does not affect bisections.
+            limit = MARGINS if j.figure.endswith("_margin") else ROUNDING
+            assert one["value"] == pytest.approx(j.measured, rel=limit, abs=1e-9), j.name
             assert j.case in ("", one["case"]), j.name
-            # A margin is a difference of values, and less exact than these where it is small.
-            assert one["margin"] == pytest.approx(j.margin, rel=off, abs=off * max(1.0, abs(j.limit))), j.name
-            assert one["percent"] == pytest.approx(j.margin_percent, rel=off, abs=100.0 * off), j.name
+            # A margin is a difference of two values; a small one has a larger relative error.
+            assert one["margin"] == pytest.approx(j.margin, rel=limit, abs=limit * max(1.0, abs(j.limit))), j.name
+            assert one["percent"] == pytest.approx(j.margin_percent, rel=limit, abs=100.0 * limit), j.name
 
 
 COLD = {"friction.temperature": -40.0, "supply_voltage": 25.0, "controller.position.kp": 80.0}
 
 
 @pytest.mark.parametrize("changes", [{}, COLD], ids=["default", "cold"])
-def test_requirements_are_judged_as_by_the_bench(scripts: Browser, subject: ParameterSubject,
-                                                 changes: Mapping[str, Any]) -> None:
+def test_verdicts_equal_the_bench_s(scripts: Browser, subject: ParameterSubject, changes: Mapping[str, Any]) -> None:
     renamed = {"drive.supply_voltage" if name == "supply_voltage" else name: x for name, x in changes.items()}
     changed = ParameterSubject(subject.parameters.with_values(renamed))
     expected = judge(changed, load_requirements(None, changed.parameters))
@@ -189,7 +189,7 @@ TESTS = {"step": ('{ kind = "step", amplitude = "5 deg", torque = "-60 N*m" }',)
 
 @pytest.fixture
 def every_figure(tmp_path: Path) -> Path:
-    """Requirements of every figure of every test, in two cases, and of the acceptance report."""
+    """A file with requirements for every figure of every test, in two cases."""
     entries = [f"[[requirements]]\nname = '{kind}_{k}_{figure}'\ntest = {test}\nfigure = '{figure}'\n{sense} = "
                f"'1 {metrics.FIGURES[figure].unit}'\n".replace("1 1", "1").replace("1 Hz", "10 Hz")
                for kind, tests in TESTS.items() for k, test in enumerate(tests) for figure in measure.KINDS[kind]
@@ -200,35 +200,35 @@ def every_figure(tmp_path: Path) -> Path:
     return path
 
 
-def test_every_figure_is_the_bench_s_in_the_worst_case(browser: Browser, subject: ParameterSubject, every_figure: Path,
-                                                       tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    browser.keep_open()
+def test_every_figure_equals_the_bench_s_in_the_worst_case(
+        browser: Browser, subject: ParameterSubject, every_figure: Path, tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    browser.open_default()
     unit = browser.run("document.getElementById('actuator').textContent")
     monkeypatch.setattr(page, "compiled", lambda files: zlib.decompress(base64.b64decode(unit), -zlib.MAX_WBITS))
     expected = judge(subject, load_requirements(every_figure, subject.parameters))
     assert {j.case for j in expected} == {"weak", "cold"}
     assert {j.name[:4] for j in expected if j.measured is None} >= {"load", "sine"}
-    browser.open(written(tmp_path, "nonlinear", every_figure))
+    browser.open(write_page(tmp_path, "nonlinear", every_figure))
     check_verdict(browser, expected)
-    browser.rested("window.page.refresh()")
+    browser.run_and_finish("window.page.refresh()")
     assert browser.complaints == []
     assert browser.run("document.querySelectorAll('#requirements tbody tr').length") == len(expected)
 
 
 @pytest.mark.slow  # zig makes its C library for a browser: a minute, once
 @pytest.mark.parametrize("model", ["electrohydraulic", "elastic+homing"])
-def test_requirements_of_other_actuators_are_judged_as_by_the_bench(browser: Browser, model: str,
-                                                                    tmp_path: Path) -> None:
+def test_verdicts_on_other_actuators_equal_the_bench_s(browser: Browser, model: str, tmp_path: Path) -> None:
     parameters = load_parameters(model=model)
     expected = judge(ParameterSubject(parameters), load_requirements(None, parameters))
-    browser.open(written(tmp_path, model))
+    browser.open(write_page(tmp_path, model))
     check_verdict(browser, expected)
-    browser.rested("window.page.refresh()")
+    browser.run_and_finish("window.page.refresh()")
     assert browser.complaints == []
 
 
 @pytest.mark.parametrize("amplitude", [DEG, 10.0 * DEG], ids=["sines", "no sines above 18 Hz"])
-def test_frequency_response_is_the_bench_s(scripts: Browser, subject: ParameterSubject, amplitude: float) -> None:
+def test_frequency_response_equals_the_bench_s(scripts: Browser, subject: ParameterSubject, amplitude: float) -> None:
     found = scripts.run("frequencyResponse(arguments[0], 0, responding(window.page.actuator, new Setting(), {}))",
                         amplitude)
     grid = np.array(measure.GRID)
@@ -256,28 +256,28 @@ NO_CSV = {
 
 
 @pytest.mark.parametrize("text", CSV.values(), ids=CSV)
-def test_a_csv_file_is_read_as_by_simulate(scripts: Browser, text: str, tmp_path: Path) -> None:
+def test_csv_file_is_read_as_by_simulate(scripts: Browser, text: str, tmp_path: Path) -> None:
     path = tmp_path / "inputs.csv"
     path.write_text(text, encoding="utf-8")
-    made = csv_file(path)
+    expected = csv_file(path)
     found = columns_of(scripts, f"({{begin: 0, ...fromCsv({json.dumps(text)}, 'inputs.csv')}})")
-    np.testing.assert_array_equal(found["time"], made.time)
-    for name, column in made.columns.items():
+    np.testing.assert_array_equal(found["time"], expected.time)
+    for name, column in expected.columns.items():
         np.testing.assert_array_equal(found[name], column)
 
 
 @pytest.mark.parametrize("text", NO_CSV.values(), ids=NO_CSV)
-def test_what_is_no_csv_file_is_refused_as_by_simulate(scripts: Browser, text: str, tmp_path: Path) -> None:
+def test_wrong_csv_file_is_refused_as_by_simulate(scripts: Browser, text: str, tmp_path: Path) -> None:
     path = tmp_path / "inputs.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(EmcasError):
         csv_file(path)
-    said = scripts.run(f"(() => {{ try {{ fromCsv({json.dumps(text)}, 'inputs.csv'); }} "
+    message = scripts.run(f"(() => {{ try {{ fromCsv({json.dumps(text)}, 'inputs.csv'); }} "
                        "catch (error) { return error.message; } })()")
-    assert said.startswith("inputs.csv: ")
+    assert message.startswith("inputs.csv: ")
 
 
-def test_a_link_holds_a_setting(scripts: Browser) -> None:
+def test_text_of_a_setting_restores_it(scripts: Browser) -> None:
     values = {"excitation.kind": "slew", "excitation.amplitude": 0.2, "controller.position.kp": 71.5,
               "encoder.enabled": False, "friction.temperature": -6.0}
     text = scripts.run("new Setting(arguments[0]).toString()", values)
@@ -286,13 +286,13 @@ def test_a_link_holds_a_setting(scripts: Browser) -> None:
     assert found == [values, ["no.such", "motor.resistance"]]
 
 
-def test_a_parameter_file_has_what_differs(scripts: Browser, tmp_path: Path) -> None:
+def test_parameter_file_has_the_changed_values(scripts: Browser, tmp_path: Path) -> None:
     changed = {"controller.position.kp": 71.5, "friction.coulomb.positive[1]": 0.1 * 0.1, "encoder.enabled": False,
                "encoder.pulses": 1024, "motor.torque_constant": 0.12}
     path = tmp_path / "parameters.toml"
     path.write_text(scripts.run("parameterFile(new Setting(arguments[0]))", {**changed, "supply_voltage": 28.0}),
                     encoding="utf-8")
-    # Alone in a file, the torque constant would move the back-EMF constant.
+    # A file with the torque constant alone would change the back-EMF constant, too.
     expected = {**load_parameters().values, **changed, "drive.supply_voltage": 28.0}
     assert load_parameters(path).values == expected
     assert path.read_text(encoding="utf-8").count("\n") == 2 + len(changed) + 2

@@ -1,4 +1,4 @@
-"""Approve the pictures of pages as they are now: of those that are named, otherwise of all."""
+"""Approve the present pictures of the named pages, or of all pages."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from tempfile import TemporaryDirectory
 
 from tests.docs.recipes import build_site
 
-from .looks import APPROVED, LOOKS, approve, camera, opened, taken
-from .pages import NAMES, made
+from .looks import APPROVED, LOOKS, approve, camera, open_page, take_picture
+from .pages import NAMES, page_path
 
 with TemporaryDirectory() as folder, camera(Path(folder)) as browser:
     site = cache(lambda: build_site(Path(folder, "site")))
     for name in sys.argv[1:] or NAMES:
-        page = made(name, Path(folder), site)
+        page = page_path(name, Path(folder), site)
         for look in LOOKS:
-            opened(browser, page, look)
-            approve(*taken(browser), APPROVED / f"{name}_{look}.png")
+            open_page(browser, page, look)
+            approve(*take_picture(browser), APPROVED / f"{name}_{look}.png")
         print(name, flush=True)

@@ -1,9 +1,9 @@
-"""Pictures of pages, and how they differ from approved ones.
+"""Pictures of pages, and their differences from approved pictures.
 
-A page is cut into parts: its sections, headings, groups of controls, tables and figures, each from its top, over all of
-the width, to that of the next. An approved picture has a pixel for each cell of 16 px: enough to miss a row, a column,
-a figure, a curve or a colour, and too coarse for the shapes of letters. The browser has the fonts of Matplotlib only,
-without hinting, so that the fonts of a machine are not used: the same page gives the same picture to the bit.
+A page is divided into parts: sections, headings, groups of controls, tables and figures. A part has the full width, and
+ends where the next one begins. An approved picture has one pixel for each cell of 16 px. This shows a missing row,
+column, figure, curve or colour, but not the shapes of letters. The browser uses only the fonts of Matplotlib, without
+hinting, so that a page gives the same picture on every machine, to the bit.
 """
 
 from __future__ import annotations
@@ -26,15 +26,16 @@ from tests.explore.browser import Browser, chromium
 
 APPROVED = Path(__file__).with_name("approved")
 CELL = 16  # px
-# Of 255, in red, green or blue. A cell has ink where it differs from paper by 6, and is another one if it changes by 8.
-# Two runs differ in no cell. Of the cells with ink, a hidden column of a table changes 7 % where it is sparse and 74 %
-# where it is full, text in #999 on light paper 32 %, missing curves 36 %, an empty chart 74 %, inverted colours all.
-INK, OTHER, SHARE = 6.0, 8.0, 0.04
-WINDOW, MOST = 12, 2  # cells; of a window's, the shortest row of a table changes 3, an empty chart 16 or more
-FEW = 25  # cells with ink, at least, so that one cell of a short line is no defect
+# INK and CHANGE are levels of 255 in red, green or blue: a cell has ink if it differs from paper by 6, and has changed if
+# it differs by 8. SHARE is the allowed share of changed cells among the cells with ink. Two runs differ in no cell. A
+# hidden column of a table changes 7 % if it is sparse and 74 % if it is full, text in #999 on light paper 32 %, missing
+# curves 36 %, an empty chart 74 %, inverted colours all.
+INK, CHANGE, SHARE = 6.0, 8.0, 0.04
+WINDOW, MOST = 12, 2  # cells; a missing short row of a table changes 3 cells of a window, an empty chart 16 or more
+FEW = 25  # cells with ink are assumed at least, so that one cell of a short line is no defect
 TALLER = 8  # px, less than half a line
-# Width [px], medium, colour scheme. A style sheet chooses the layout by width, colours by scheme, and nothing by both,
-# so that one scheme of each width is enough. Printed: an A4 sheet between its margins, white with every scheme.
+# Width [px], medium, colour scheme. Style sheets choose the layout by width and colours by scheme, and nothing by both:
+# one scheme for each width is enough. The print is an A4 sheet without its margins, white with every scheme.
 LOOKS: Mapping[str, tuple[int, str, str]] = {
     "400_light": (400, "screen", "light"), "1400_dark": (1400, "screen", "dark"), "print": (687, "print", "dark")}
 _PARTS = """[...document.querySelectorAll(`main > *, article > *, section.entry > *, body > footer,
@@ -61,7 +62,7 @@ _FONTS = """<?xml version="1.0"?><!DOCTYPE fontconfig SYSTEM "fonts.dtd">
 
 
 class Part(NamedTuple):
-    """A part of a page: its words, and its place [px]."""
+    """A part of a page: its first words, top and height [px]."""
 
     name: str
     top: int
@@ -70,7 +71,7 @@ class Part(NamedTuple):
 
 @contextmanager
 def camera(folder: Path) -> Iterator[Browser]:
-    """Start a browser whose fonts are those of Matplotlib, on every machine."""
+    """Start a browser that uses only the fonts of Matplotlib."""
     file = folder / "fonts.conf"
     file.write_text(_FONTS.format(fonts=Path(mpl.get_data_path(), "fonts", "ttf"), folder=folder), "utf-8")
     with pytest.MonkeyPatch.context() as patch:
@@ -79,33 +80,33 @@ def camera(folder: Path) -> Iterator[Browser]:
             yield browser
 
 
-def opened(browser: Browser, path: Path, look: str) -> None:
-    """Open a page in a look, as nobody has opened it before, with all of its charts drawn."""
+def open_page(browser: Browser, path: Path, look: str) -> None:
+    """Open a page in a look without stored settings, and wait until all of its charts are plotted."""
     width, medium, scheme = LOOKS[look]
-    emulated(browser, medium, scheme)
+    emulate(browser, medium, scheme)
     for command, arguments in (
             ("Emulation.setScrollbarsHidden", {"hidden": True}),
-            ("Storage.clearDataForOrigin", {"origin": "file://", "storageTypes": "all"})):  # a site's choice of colours
+            ("Storage.clearDataForOrigin", {"origin": "file://", "storageTypes": "all"})):  # e.g. the colour scheme
         browser.driver.execute_cdp_cmd(command, arguments)
     browser.size(width)
     browser.load(path)
     browser.driver.execute_async_script(_PASS)
 
 
-def emulated(browser: Browser, medium: str, scheme: str) -> None:
+def emulate(browser: Browser, medium: str, scheme: str) -> None:
     """Set the emulated medium and colour scheme, with reduced motion."""
     browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": medium, "features": [
         {"name": "prefers-color-scheme", "value": scheme}, {"name": "prefers-reduced-motion", "value": "reduce"}]})
 
 
-def taken(browser: Browser) -> tuple[Image.Image, list[Part]]:
-    """Return the picture of all of the open page, and its parts from the top."""
+def take_picture(browser: Browser) -> tuple[Image.Image, list[Part]]:
+    """Return the picture of the whole open page, and its parts from the top."""
     width, height = browser.run("[document.documentElement.clientWidth, document.documentElement.scrollHeight]")
     whole = Image.new("RGB", (width, height))
-    for top in range(0, height, 4000):  # Chromium takes 16384 px at once
+    for top in range(0, height, 4000):  # Chromium's limit is 16384 px
         clip = {"x": 0, "y": top, "width": width, "height": min(4000, height - top), "scale": 1}
         data = browser.driver.execute_cdp_cmd("Page.captureScreenshot", {
-            "captureBeyondViewport": True, "clip": clip, "optimizeForSpeed": True})  # the same bits, in more bytes
+            "captureBeyondViewport": True, "clip": clip, "optimizeForSpeed": True})  # the same pixels in a larger file
         whole.paste(Image.open(io.BytesIO(base64.b64decode(data["data"]))), (0, top))
     tops = {0: "top"}
     for top, tall, name in sorted(browser.run(_PARTS)):
@@ -116,7 +117,7 @@ def taken(browser: Browser) -> tuple[Image.Image, list[Part]]:
 
 
 def contrast(one: Sequence[int], other: Sequence[int]) -> float:
-    """Return the contrast of two colours, each red, green and blue of 255: 1 to 21 (WCAG 2.1)."""
+    """Return the contrast of two colours (red, green, blue, 0 to 255): 1 to 21 (WCAG 2.1)."""
     def luminance(color: Sequence[int]) -> float:
         red, green, blue = (float(s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4)
                             for s in (byte / 255.0 for byte in color[:3]))
@@ -127,7 +128,7 @@ def contrast(one: Sequence[int], other: Sequence[int]) -> float:
 
 
 def rows(height: int) -> int:
-    """Return the number of cells above each other in a part of a height [px]."""
+    """Return the number of rows of cells in a part with this height [px]."""
     return max(1, round(height / CELL))
 
 
@@ -137,9 +138,9 @@ def cells(picture: Image.Image, part: Part, count: int) -> np.ndarray[Any, Any]:
     return np.asarray(strip.resize((round(strip.width / CELL), count), Image.Resampling.BOX), dtype=float)
 
 
-def crowded(other: np.ndarray[Any, Any]) -> int:
-    """Return the most cells that differ in a window of WINDOW x WINDOW cells of a part."""
-    padded = np.pad(other, [(0, max(0, WINDOW - length)) for length in other.shape])
+def most_changed(changed: np.ndarray[Any, Any]) -> int:
+    """Return the largest number of changed cells in any window of WINDOW x WINDOW cells of a part."""
+    padded = np.pad(changed, [(0, max(0, WINDOW - length)) for length in changed.shape])
     return int(np.lib.stride_tricks.sliding_window_view(padded, (WINDOW, WINDOW)).sum(axis=(2, 3)).max())
 
 
@@ -153,7 +154,7 @@ def approve(picture: Image.Image, parts: list[Part], path: Path) -> None:
 
 
 def differences(picture: Image.Image, parts: list[Part], approved: Path) -> list[str]:
-    """Return in words what differs from an approved picture; frame the cells that do in the new one."""
+    """Describe the differences from an approved picture, and frame the changed cells in the new picture."""
     with Image.open(approved) as stored:
         names: list[tuple[str, int]] = json.loads(stored.info["parts"])
         colors = np.asarray(stored, dtype=float)
@@ -161,21 +162,21 @@ def differences(picture: Image.Image, parts: list[Part], approved: Path) -> list
         first = [f"; the first other one: “{new.name}”, approved “{old}”" for (old, _), new in zip(names, parts)
                  if old != new.name][:1]
         return [f"{len(parts)} parts, approved {len(names)}{''.join(first)}"]
-    found, pen, paper = [], ImageDraw.Draw(picture), np.median(colors, axis=(0, 1))
+    texts, pen, paper = [], ImageDraw.Draw(picture), np.median(colors, axis=(0, 1))
     for (name, height), part, old in zip(names, parts, np.split(colors, np.cumsum([rows(h) for _, h in names])[:-1]),
                                          strict=True):
         new = cells(picture, part, len(old))
-        other = np.abs(new - old).max(axis=2) >= OTHER
+        changed = np.abs(new - old).max(axis=2) >= CHANGE
         ink = np.maximum(np.abs(new - paper), np.abs(old - paper)).max(axis=2) >= INK
-        share = other.sum() / max(ink.sum(), FEW)
+        share = changed.sum() / max(ink.sum(), FEW)
         if abs(part.height - height) > TALLER:
-            found.append(f"“{name}” is {part.height} px high, approved {height}")
+            texts.append(f"“{name}” is {part.height} px high, approved {height}")
         elif share > SHARE:
-            found.append(f"“{name}” differs in {share:.0%} of its cells, allowed {SHARE:.0%}")
-        elif (most := crowded(other)) > MOST:
-            found.append(f"“{name}” differs in {most} cells of {WINDOW} x {WINDOW}, allowed {MOST}")
+            texts.append(f"“{name}” differs in {share:.0%} of its cells, allowed {SHARE:.0%}")
+        elif (most := most_changed(changed)) > MOST:
+            texts.append(f"“{name}” differs in {most} cells of {WINDOW} x {WINDOW}, allowed {MOST}")
         else:
             continue
-        for y, x in np.argwhere(other):
+        for y, x in np.argwhere(changed):
             pen.rectangle((x * CELL, part.top + y * CELL, (x + 1) * CELL, part.top + (y + 1) * CELL), outline="red")
-    return found
+    return texts

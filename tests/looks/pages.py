@@ -1,4 +1,4 @@
-"""A page of every kind, made by the commands that users call, with studies of a few samples and one generation."""
+"""A page of every kind, written by the users' commands, with short studies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from emcas_fmu.fmi.format import FORMATS
 from emcas_fmu.fmi.interface import FmuInterface
 from emcas_fmu.parameters import load_parameters
 from tests.docs.recipes import ROOT
-from tests.explore.browser import written
+from tests.explore.browser import write_page
 
 CAMPAIGN = """
 [campaign]
@@ -64,7 +64,7 @@ maximum = "2 %"
 
 
 def emcas(*arguments: object, program: object = app) -> None:
-    """Carry out a command that may find requirements missed (exit code 1)."""
+    """Run a command; requirements may be missed (exit code 1)."""
     done = CliRunner().invoke(program, list(map(str, arguments)))  # type: ignore[arg-type]
     assert done.exit_code in (0, 1), done.output
     assert done.exception is None or isinstance(done.exception, SystemExit), done.output
@@ -118,16 +118,16 @@ PAGES: Mapping[str, Callable[[str], object]] = {
     "documentation": documentation, "jsbsim": jsbsim,
     "thesis": lambda page: emcas("--only", "3.4", "--only", "5.8", "--only", "Table 4", "--only", "Table 20", "-o",
                                  page, program=thesis),
-    "explore": lambda page: shutil.move(written(Path(), "nonlinear"), page)}
+    "explore": lambda page: shutil.move(write_page(Path(), "nonlinear"), page)}
 SITE: Mapping[str, str] = {"front": "index.html", "models": "model/models.html", "control": "model/control.html"}
-"""Pages of the site, by their places in it."""
+"""Pages of the site, with their paths in it."""
 NAMES = (*PAGES, *SITE)
 
 
-def made(name: str, folder: Path, site: Callable[[], Path]) -> Path:
-    """Return a page: of the site if it has it, otherwise from a folder, in which it is made once.
+def page_path(name: str, folder: Path, site: Callable[[], Path]) -> Path:
+    """Return the path of a page: of the site, or written in a folder on first use.
 
-    It is made from within the folder, so that no path is on it.
+    The folder is the working directory meanwhile, so that the page contains no path.
     """
     if name in SITE:
         return site() / SITE[name]

@@ -1,4 +1,4 @@
-"""Every kind of page, narrow and light, wide and dark, printed: as approved, and without violations that axe finds."""
+"""Every kind of page looks as approved (narrow and light, wide and dark, printed), and axe finds no violations."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from tests.docs.recipes import build_site
 from tests.explore.browser import Browser
 from tests.hosts.host import missing
 
-from .looks import APPROVED, LOOKS, approve, camera, contrast, differences, emulated, opened, taken
-from .pages import NAMES, made
+from .looks import APPROVED, LOOKS, approve, camera, contrast, differences, emulate, open_page, take_picture
+from .pages import NAMES, page_path
 
 try:
     from axe_core_python.selenium import Axe
@@ -50,8 +50,8 @@ PLANTED: Mapping[str, Mapping[str, tuple[str, str]]] = {  # page, defect: script
                      "style.setProperty('--fail', colors.getPropertyValue('--pass'))", "differs in")}}
 
 
-class Seen(NamedTuple):
-    """What differs from the approved pictures of a page, and what axe finds, each with its look."""
+class Findings(NamedTuple):
+    """Differences from the approved pictures of a page, and violations of axe's rules, each with its look."""
 
     differences: list[str]
     violations: list[str]
@@ -64,82 +64,82 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def browser(folder: Path) -> Iterator[Browser]:
-    with camera(folder) as opened:
-        yield opened
+    with camera(folder) as browser:
+        yield browser
 
 
 @pytest.fixture(scope="module")
 def page(folder: Path, once: Callable[..., Path]) -> Callable[[str], Path]:
-    """Gives a page by its name."""
-    return lambda name: made(name, folder, lambda: once("site", build_site))
+    """Function that returns the path of a page."""
+    return lambda name: page_path(name, folder, lambda: once("site", build_site))
 
 
 def violations(browser: Browser) -> list[str]:
-    """Return the rules of axe that the open page breaks, each with its first element.
+    """Return the rules of axe that the open page violates, each with its first element.
 
-    What a picture is made of is no part of the page to those who hear it; axe would go through all of it for each rule.
+    The elements of pictures are removed before: screen readers ignore them, and axe would check them with every rule.
     """
     browser.run("document.querySelectorAll('svg[role=img]').forEach(picture => picture.replaceChildren())")
-    found: list[dict[str, Any]] = Axe().run(browser.driver, options={"resultTypes": ["violations"]})["violations"]
-    return [f"{each['id']}, {len(each['nodes'])} elements: {each['nodes'][0]['html'][:200]}" for each in found]
+    rules: list[dict[str, Any]] = Axe().run(browser.driver, options={"resultTypes": ["violations"]})["violations"]
+    return [f"{each['id']}, {len(each['nodes'])} elements: {each['nodes'][0]['html'][:200]}" for each in rules]
 
 
 @pytest.fixture(scope="module", params=NAMES)
-def seen(request: pytest.FixtureRequest, browser: Browser, folder: Path, page: Callable[[str], Path]) -> Seen:
-    name, result = request.param, Seen([], [])
+def findings(request: pytest.FixtureRequest, browser: Browser, folder: Path, page: Callable[[str], Path]) -> Findings:
+    name, result = request.param, Findings([], [])
     for look in LOOKS:
-        opened(browser, page(name), look)
-        picture, parts = taken(browser)
-        if found := differences(picture, parts, APPROVED / f"{name}_{look}.png"):
+        open_page(browser, page(name), look)
+        picture, parts = take_picture(browser)
+        if texts := differences(picture, parts, APPROVED / f"{name}_{look}.png"):
             new = folder / f"{name}_{look}.png"
             picture.save(new)
-            result.differences.append(f"{look}: {'; '.join(found)}; new picture: {new}")
+            result.differences.append(f"{look}: {'; '.join(texts)}; new picture: {new}")
         for scheme in ("light", "dark") if Axe and look != "print" else ():
-            emulated(browser, "screen", scheme)
-            browser.settled()
+            emulate(browser, "screen", scheme)
+            browser.settle()
             result.violations.extend(f"{look}, {scheme}: {each}" for each in violations(browser))
     return result
 
 
-def test_a_page_looks_as_approved(seen: Seen) -> None:
-    """After a change on purpose, and a look at the new pictures: python -m tests.looks NAME."""
-    assert not seen.differences, "\n".join(seen.differences)
+def test_page_looks_as_approved(findings: Findings) -> None:
+    """If a change is intended and the new pictures are right, approve them: python -m tests.looks NAME."""
+    assert not findings.differences, "\n".join(findings.differences)
 
 
-def test_axe_finds_no_violation(seen: Seen) -> None:
+def test_axe_finds_no_violation(findings: Findings) -> None:
     if Axe is None:
         missing("there is no axe (pip install axe-core-python)")
-    assert not seen.violations, "\n".join(seen.violations)
+    assert not findings.violations, "\n".join(findings.violations)
 
 
 @pytest.mark.parametrize("look", ["400_light", "1400_dark"])
 @pytest.mark.parametrize(("name", "defect"), [(name, defect) for name, each in PLANTED.items() for defect in each])
-def test_a_planted_defect_is_found(browser: Browser, folder: Path, page: Callable[[str], Path], look: str, name: str,
-                                   defect: str) -> None:
-    approved, (script, found) = folder / f"planted_{name}_{look}.png", PLANTED[name][defect]
+def test_planted_defect_is_a_difference(browser: Browser, folder: Path, page: Callable[[str], Path], look: str,
+                                        name: str, defect: str) -> None:
+    approved, (script, words) = folder / f"planted_{name}_{look}.png", PLANTED[name][defect]
     if not approved.is_file():
-        opened(browser, page(name), look)
-        approve(*taken(browser), approved)
-    opened(browser, page(name), look)
+        open_page(browser, page(name), look)
+        approve(*take_picture(browser), approved)
+    open_page(browser, page(name), look)
     browser.run(f"(() => {{ {script}; }})()")
-    browser.settled()
-    differing = differences(*taken(browser), approved)
-    assert any(found in each for each in differing) if found else not differing, differing
+    browser.settle()
+    texts = differences(*take_picture(browser), approved)
+    assert any(words in text for text in texts) if words else not texts, texts
 
 
-def test_figures_of_the_site_stand_out_on_dark_pages(browser: Browser, page: Callable[[str], Path]) -> None:
-    """4.5 to 1, of every colour on white in a picture, as the page shows it: its paper is the page's."""
+def test_colours_of_figures_have_enough_contrast_on_dark_pages(browser: Browser, page: Callable[[str], Path]) -> None:
+    """The page inverts pictures: white becomes the page's background, and every colour has a contrast of 4.5 to it."""
     colors, side = [ImageColor.getrgb(name)[:3] for name in ("#ffffff", *plots.COLORS, plots.GRAY)], 20
     picture, data = Image.new("RGB", (side * len(colors), side)), io.BytesIO()
     for n, color in enumerate(colors):
         picture.paste(color, (side * n, 0, side * (n + 1), side))
     picture.save(data, "png")
-    opened(browser, page("models"), "1400_dark")
+    open_page(browser, page("models"), "1400_dark")
     x, y = browser.run("(async image => { image.src = arguments[0]; image.style.width = `${arguments[1]}px`;"
                        "await image.decode(); const box = image.getBoundingClientRect();"
                        "return [box.left, box.top + scrollY]; })(document.querySelector('article img'))",
                        f"data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}", picture.width)
-    shown = np.asarray(taken(browser)[0])
+    shown = np.asarray(take_picture(browser)[0])
     paper, *curves = shown[round(y + 0.5 * side), [round(x + side * (n + 0.5)) for n in range(len(colors))]].tolist()
     assert paper == shown[round(y), round(x) - 5].tolist()
     assert min(contrast(curve, paper) for curve in curves) >= 4.5
