@@ -203,10 +203,10 @@ def test_fin_with_other_parameters_has_another_response() -> None:
     equal, _ = files_and_warnings("second-order", 2)
     slow = load_parameters(model="second-order").with_values({"second_order.natural_frequency": 150.0})
     different, *_ = reference_files(unit, [load_parameters(model="second-order"), slow], FORMATS["2"])
-    tables = [np.genfromtxt(contents[f"{FOLDER}/fins_ref.csv"].decode().splitlines(), delimiter=",", names=True,
-                            deletechars="") for contents in (equal, different)]
-    assert np.array_equal(*(table["fin[1].fin_angle"] for table in tables))
-    assert not np.array_equal(*(table["fin[2].fin_angle"] for table in tables))
+    one, other = (np.genfromtxt(contents[f"{FOLDER}/fins_ref.csv"].decode().splitlines(), delimiter=",", names=True,
+                                deletechars="") for contents in (equal, different))
+    assert np.array_equal(one["fin[1].fin_angle"], other["fin[1].fin_angle"])
+    assert not np.array_equal(one["fin[2].fin_angle"], other["fin[2].fin_angle"])
 
 
 @pytest.mark.parametrize(("model", "file", "statement"), [

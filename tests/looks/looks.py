@@ -26,8 +26,8 @@ from tests.explore.browser import Browser, chromium
 
 APPROVED = Path(__file__).with_name("approved")
 CELL = 16  # px
-# INK and CHANGE are levels of 255 in red, green or blue: a cell has ink if it differs from paper by 6, and has changed if
-# it differs by 8. SHARE is the allowed share of changed cells among the cells with ink. Two runs differ in no cell. A
+# INK and CHANGE are levels of 255 in red, green or blue: a cell has ink if it differs from paper by 6, and has changed
+# if it differs by 8. SHARE is the allowed share of changed cells among cells with ink. Two runs differ in no cell. A
 # hidden column of a table changes 7 % if it is sparse and 74 % if it is full, text in #999 on light paper 32 %, missing
 # curves 36 %, an empty chart 74 %, inverted colours all.
 INK, CHANGE, SHARE = 6.0, 8.0, 0.04
