@@ -157,7 +157,7 @@ def check_verdict(browser: Browser, expected: Sequence[Judged], values: Mapping[
         if j.measured is None:
             assert one["value"] is None or not math.isfinite(one["value"]), j.name
         else:
-            # As in test_figures; sines differ in their last bit, which does not affect bisections.
+            # As in test_figures_equal_the_bench_s; sines differ in their last bit, which does not affect bisections.
             limit = MARGINS if j.figure.endswith("_margin") else ROUNDING
             assert one["value"] == pytest.approx(j.measured, rel=limit, abs=1e-9), j.name
             assert j.case in ("", one["case"]), j.name
