@@ -80,7 +80,7 @@ def ratio(runs: Runs) -> Shown:
 def natural_frequencies(runs: Runs) -> Shown:
     """Show the rod's natural frequencies, with the thesis's numbers and with the set's (Table 1)."""
     rod = load_rod()
-    thesis, here = thesis_modes(rod), modes_at(rod, runs.values, 0.0)
+    thesis, here = thesis_modes(), modes_at(rod, runs.values, 0.0)
     rows = (("inertia on the rod [kg.m2]", rod["thesis.inertia"], here["inertia_kgm2"]),
             ("mass on the rod [kg]", rod["thesis.mass"], here["mass_kg"]), *((label, thesis[name], here[name])
             for name, label in (("axial_hz", "in tension [Hz]"), ("torsional_hz", "in torsion [Hz]"),

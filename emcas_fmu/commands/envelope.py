@@ -59,10 +59,11 @@ def envelope(
 
 
 def _figures(e: Envelope) -> dict[str, Any]:
-    return {"duration_s": e.duration, "preload": e.preload, "no_load_speed_rad_per_s": e.speed[-1],
+    return {"duration_s": e.duration, "preload": e.preload,
             **{name: {"current_a": c.current, "bound_by": c.bound_by,
                       **{f"{cause}_current_a": current for cause, current in c.currents.items()},
                       "stall_torque_nm": c.torque[0], "corner_speed_rad_per_s": c.corner_speed,
+                      "no_load_speed_rad_per_s": c.no_load_speed,
                       "winding_degc": c.winding, "case_degc": c.case} for name, c in e.curves.items()},
             "estimates": {key: list(names) for key, names in e.estimates.items()}}
 
@@ -79,7 +80,7 @@ def _table(f: dict[str, Any]) -> Table:
     preload = f", from {f['preload']:g} of the continuous current" if f["preload"] else ""
 
     def cells(label: str, key: str) -> list[Any]:
-        values = [{**f, **f[curve]}[key] for curve in ("continuous", "short_term")]
+        values = [f[curve][key] for curve in ("continuous", "short_term")]
         return [label + ESTIMATE * (key in f["estimates"]), *(RPM * x if "rpm" in label else x for x in values)]
 
     return common.table(["", ">continuous", f">{f['duration_s']:g} s{preload}"],

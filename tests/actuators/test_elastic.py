@@ -39,7 +39,7 @@ def test_modes_of_table_1(mode: str) -> None:
                  2.0, 2e-4, enable=False, acceleration__x=lambda t: 50.0 if t < 1e-3 else 0.0)
     spectrum = np.abs(np.fft.rfft(run["motor_speed"], 1 << 17))  # the pulse is far shorter than a period
     peak = np.fft.rfftfreq(1 << 17, 2e-4)[np.argmax(spectrum)]
-    expected = thesis_modes(load_rod())[f"{mode}_hz"]
+    expected = thesis_modes()[f"{mode}_hz"]
     assert expected == pytest.approx({"axial": 67.0, "torsional": 222.0}[mode], rel=0.01)
     assert peak == pytest.approx(expected, rel=0.02)
 

@@ -369,6 +369,6 @@ def test_the_command_on_a_users_actuator(analysed: Analysed) -> None:
         assert words not in text
         assert words not in said
     assert f"current {current:.4g} A, reference" in text
-    assert "Large steps differ because of the limits." in text
-    assert "Large amplitudes lose bandwidth to the limits" in text
+    assert "Large steps differ if a limit acts." in text
+    assert "Large amplitudes lose bandwidth if a limit acts." in text
     assert page.count("<svg") == 5

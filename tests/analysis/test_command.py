@@ -106,7 +106,7 @@ def test_an_unstable_loop_is_refused(tmp_path: Path) -> None:
 
 
 def test_modes_are_those_of_table_1() -> None:
-    found = thesis_modes(load_rod())
+    found = thesis_modes()
     # Computed by hand from Table 1: sqrt(8.528e7/476) and sqrt(584.8/3e-4), to the digits written.
     assert 2.0 * pi * found["axial_hz"] == pytest.approx(423.3, abs=0.1)
     assert 2.0 * pi * found["torsional_hz"] == pytest.approx(1396.0, abs=0.5)

@@ -532,11 +532,13 @@ def test_gains_at_a_bound_are_marked(study: Study, tmp_path: Path) -> None:
     assert first.bound(first.lower ** 0.02 * first.upper ** 0.98) == ""
     assert [t.bound(t.upper) for t in study.tunables] == ["upper"] * len(study.tunables)
     (before,) = evaluate(study, [{first.name: first.lower, **{t.name: (t.lower * t.upper) ** 0.5 for t in others}}])
-    result = Tuned(study, 1, before, before, nan, (before,), (before.objective,), False)
+    other = replace(before, gains={**before.gains, first.name: first.upper})
+    assert Tuned(study, 1, before, before, nan, (before,), (before.objective,), False).at_bound == {}
+    result = Tuned(study, 1, before, other, nan, (before,), (before.objective,), False)
     assert result.at_bound == {first.name: "lower"}
-    assert f"at the bound of the search: {first.name} = {first.lower:g} (lower)" in at_bounds(result)
+    assert f"near a bound of the search (within 1 % of its range): {first.name} = {first.lower:g}" in at_bounds(result)
     write_report(result, tmp_path / "t.html")
-    assert (tmp_path / "t.html").read_text(encoding="utf-8").count("(at the bound)") == 1
+    assert (tmp_path / "t.html").read_text(encoding="utf-8").count("(near the bound)") == 1
     write_json(result, tmp_path / "t.json", "emcas tune")
     assert json.loads((tmp_path / "t.json").read_text())["at_bound"] == {first.name: "lower"}
 

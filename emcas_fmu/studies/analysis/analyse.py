@@ -8,7 +8,7 @@ from math import degrees, isfinite
 from pathlib import Path
 from typing import Any
 
-from ...actuators import capabilities, get, parts
+from ...actuators import capabilities, get, get_extension, parts
 from ...bench.frequency_response import FrequencyResponse
 from ...bench.linear import frequency
 from ...bench.linear.actuator import LinearActuator, sound
@@ -64,7 +64,7 @@ class Analysis:
     """The rated load [N.m]. The keys of `final_values`, `modes` and `envelope` are those of the JSON file."""
     sweeps: list[sweep.Sweep]
     modes: Mapping[str, Any] | None
-    """Natural frequencies with the inertia of the parameter set and, at the key ``thesis``, with that of the thesis."""
+    """Natural frequencies with the inertia of the parameter set and, at the key ``thesis``, those of the thesis."""
     envelope: Mapping[str, Any] | None
     cases: Mapping[str, Columns]
     """Motor speed [rad/s] and torque [N.m] in each reference case by name."""
@@ -113,7 +113,7 @@ def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float
     progress("thesis", 6, _STEPS)
     thesis_model = None if "thesis_linear" in left_out else _thesis(values)
     modes = None if "modes" in left_out else {
-        **modes_at(beam, values, fin_angle, model), "thesis": thesis_modes(beam)}
+        **modes_at(beam, values, fin_angle, model), "thesis": thesis_modes()}
     return Analysis(parameters, actuator, linear, left_out, thesis_model, finals, load, swept, modes, envelope, cases,
                     fin_capability, poles, compared)
 
@@ -124,7 +124,9 @@ def _left_out(model: str, values: Mapping[str, Any]) -> dict[str, str]:
     reasons = {}
     for section, (title, needs) in SECTIONS.items():
         if missing := [need for need in needs if need not in actuator.provides]:
-            reasons[section] = f"{title} left out: needs {missing[0]}, which {actuator.name} does not have"
+            replacing = [each for each in parts(model)[1] if missing[0] in get_extension(each).replaces]
+            lacks = f"the extension {replacing[0]} replaces" if replacing else f"{actuator.name} does not have"
+            reasons[section] = f"{title} left out: needs {missing[0]}, which {lacks}"
     for extension, why in (("heat", "assumes a motor at one temperature; see emcas envelope"),
                            ("efficiency", "assumes a screw without losses")):
         if extension in parts(model)[1]:

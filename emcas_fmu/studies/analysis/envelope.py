@@ -68,14 +68,15 @@ class Curve:
     """One envelope: the largest current [A] by each of CAUSES, and the `torque` [N.m] at each speed of the Envelope.
 
     The smallest of `currents` causes the temperatures `winding` and `case` [degC]; the voltage suffices for it up to
-    `corner_speed` [rad/s] (0: at no speed). `limits` are torques [N.m]: by each cause alone, and by the voltage at the
-    initial temperatures.
+    `corner_speed` [rad/s] (0: at no speed). The torque is 0 from `no_load_speed` [rad/s]. `limits` are torques [N.m]:
+    by each cause alone, and by the voltage at the initial temperatures.
     """
 
     currents: Mapping[str, float]
     winding: float
     case: float
     corner_speed: float
+    no_load_speed: float
     torque: Array
     limits: Mapping[str, Array]
 
@@ -92,7 +93,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Envelope:
-    """Torque against motor speed [rad/s] from 0 to the no-load speed, continuous and for `duration` [s].
+    """Torque against motor speed [rad/s] from 0 to the initial no-load speed, continuous and for `duration` [s].
 
     Before the duration, `preload` [1] times the continuous current (:attr:`Curve.current`) has flowed for a long time.
     """
@@ -136,9 +137,9 @@ def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) ->
     continuous = continuous_current(p), min(float(p.heat.continuous_current), peak), peak
     cold, start = settled(p, 0.0), settled(p, preload * min(continuous))
     short_term = short_term_current(p, duration, start), float(heat.sustained_current(FLOATS, p, duration)), peak
-    no_load_speed = max(p.drive.supply_voltage / heat.at_temperatures(FLOATS, p, *t).motor.back_emf_constant
-                        for t in (cold, start))
-    speed = np.linspace(0.0, no_load_speed, _POINTS)
+    highest = max(p.drive.supply_voltage / heat.at_temperatures(FLOATS, p, *t).motor.back_emf_constant
+                  for t in (cold, start))
+    speed = np.linspace(0.0, highest, _POINTS)
     estimates = {figure: parameters.estimates_in(names) for figure, names in INPUTS.items()}
     return Envelope(speed, duration, preload, _curve(p, speed, continuous, cold, lambda i: settled(p, i)),
                     _curve(p, speed, short_term, start, lambda i: warmed(p, i, duration, start)),
@@ -226,7 +227,7 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
                     *map(torque_of, limited)), default=0.0)
 
     cold = heat.at_temperatures(FLOATS, p, *start)
-    return Curve(currents, *heated(largest), max(speeds[-1], 0.0),
+    return Curve(currents, *heated(largest), max(speeds[-1], 0.0), max(speeds),
                  np.array([largest_torque(float(at)) for at in speed]),
                  {**{cause: np.full(len(speed), torque_of(current)) for cause, current in currents.items()},
                   "voltage": drive.torque(cold, np.maximum(drive.steady_current(ARRAYS, cold, supply, speed), 0.0))})

@@ -46,14 +46,14 @@ def load_rod(path: Path | None = None) -> Mapping[str, float]:
 def modes(rod: Mapping[str, float], inertia: float, mass: float) -> dict[str, float]:
     """Return the natural frequencies [Hz] of a rod in tension and torsion, with the keys of the JSON file.
 
-    The rod has an `inertia` [kg.m2] and a `mass` [kg] at its end. Ratios [1] are relative to the thesis's bandwidth.
+    The rod has an `inertia` [kg.m2] and a `mass` [kg] at its end. Ratios [1] are relative to `thesis.bandwidth`.
     """
     length, diameter = rod["rod.length"], rod["rod.diameter"]
     tension = rod["rod.tensile_modulus"] * pi * diameter**2 / 4.0 / length
     torsion = rod["rod.shear_modulus"] * pi * diameter**4 / 32.0 / length
     axial, torsional = sqrt(tension / mass) / (2.0 * pi), sqrt(torsion / inertia) / (2.0 * pi)
     return {"axial_hz": axial, "torsional_hz": torsional, "axial_over_bandwidth": axial / rod["thesis.bandwidth"],
-            "torsional_over_bandwidth": torsional / rod["thesis.bandwidth"]}
+            "torsional_over_bandwidth": torsional / rod["thesis.bandwidth"], "bandwidth_hz": rod["thesis.bandwidth"]}
 
 
 def modes_at(rod: Mapping[str, float], values: Mapping[str, Any], fin_angle: float, model: str = NONLINEAR
@@ -65,9 +65,10 @@ def modes_at(rod: Mapping[str, float], values: Mapping[str, Any], fin_angle: flo
     return {**modes(rod, inertia, mass), "inertia_kgm2": inertia, "mass_kg": mass}
 
 
-def thesis_modes(rod: Mapping[str, float]) -> dict[str, float]:
-    """Return :func:`modes` with inertia and mass from Table 1, and the thesis's ratios of rad/s to Hz."""
+def thesis_modes() -> dict[str, float]:
+    """Return :func:`modes` of the rod in Table 1 with its inertia and mass, and the thesis's ratios of rad/s to Hz."""
+    rod = load_rod()
     table = modes(rod, rod["thesis.inertia"], rod["thesis.mass"])
     ratios = {f"{name}_rad_per_s_over_hz": 2.0 * pi * table[f"{name}_over_bandwidth"]
               for name in ("axial", "torsional")}
-    return {**table, **ratios, "bandwidth_hz": rod["thesis.bandwidth"]}
+    return {**table, **ratios}

@@ -16,6 +16,7 @@ from ...bench.frequency_response import FrequencyResponse
 from ...bench.linear import frequency
 from ...figures import plots
 from ...figures.plots import LIMIT, Drawing
+from ...pages.numbers import with_unit
 from ...units import RPM
 from .analyse import Analysis, ClosedLoop
 from .steps import STOP
@@ -190,7 +191,7 @@ def steps(analysis: Analysis) -> Drawing:
     causes = list(neglected(analysis.actuator.actuator).values())
     small = f"Small steps differ because of {_listed(causes)}, large ones" if causes else "Large steps differ"
     return Drawing("Steps, linear and simulated", figure, "The fin angle over the step. Largest difference between "
-                   f"simulated and linear: {differences}. {small} because of the limits.")
+                   f"simulated and linear: {differences}. {small} if a limit acts.")
 
 
 def amplitudes(analysis: Analysis) -> Drawing:
@@ -221,7 +222,7 @@ def amplitudes(analysis: Analysis) -> Drawing:
         "Large amplitudes lose bandwidth")
     return Drawing("Bandwidth against amplitude", figure, "Describing function by steady sines of the simulated "
                    "actuator, about the operating point or as near to it as the range of commands allows. "
-                   f"{marks}{small} to the limits that act first.")
+                   f"{marks}{small} if a limit acts.")
 
 
 def limit_shares(analysis: Analysis) -> Drawing:
@@ -270,7 +271,7 @@ def torque_speed(analysis: Analysis) -> Drawing:
     end, top = 1.05 * max(free, fastest * RPM), max(1.05 * most, 1.1 * float(np.max(highest)))
     axes.set(xlim=(-end, end), ylim=(-top, top))
     plots.legend_above(figure, 4, markerscale=3)
-    slow = f" within some {integral:.0f} s" if np.isfinite(integral) else ""
+    slow = f" within some {with_unit(float(f'{integral:.2g}'), 's')}" if np.isfinite(integral) else ""
     return Drawing("Torque and speed", figure, "Grey: steady torque within the limits of the drive's "
                    f"current ({e['stall_torque_nm']:.3g} N.m at stall) and the supply (no torque at {free:.0f} rpm). "
                    f"Dashed: torque at first, before the drive's integral adds the rest{slow}. Points: the reference "

@@ -126,9 +126,9 @@ def tables(f: dict[str, Any], reference: str) -> dict[str, Rows]:
     if rod := f["modes"]:
         sections["modes"] = Rows("Natural frequencies of motor shaft and screw", [
             "motor shaft and screw as a rod", ">axial [Hz]", ">torsional [Hz]",
-            f">over {rod['thesis']['bandwidth_hz']:g} Hz"], [
-                [label, x["axial_hz"], x["torsional_hz"],
-                 f"{number(x['axial_over_bandwidth'])} and {number(x['torsional_over_bandwidth'])}"] for label, x in (
+            ">over the bandwidth"], [
+                [label, x["axial_hz"], x["torsional_hz"], f"{number(x['axial_over_bandwidth'])} and "
+                 f"{number(x['torsional_over_bandwidth'])} × {x['bandwidth_hz']:g} Hz"] for label, x in (
                     (f"inertia of this parameter set, {rod['inertia_kgm2']:.3g} kg.m2", rod),
                     ("Table 1 of the thesis", rod["thesis"]))])
     limits = () if "limits" in f["left_out"] else ("rate limited", "current", "voltage", "analogue reference")

@@ -81,9 +81,9 @@ class Result:
 
     @property
     def at_bound(self) -> dict[str, str]:
-        """The names of the returned gains at a bound, each with that bound, ``lower`` or ``upper``."""
+        """The names of the tuned gains near a bound, each with that bound; empty if the initial gains are returned."""
         bounds = {t.name: t.bound(self.best.gains[t.name]) for t in self.study.tunables}
-        return {name: bound for name, bound in bounds.items() if bound}
+        return {name: bound for name, bound in bounds.items() if bound and not self.unimproved}
 
     @property
     def binding(self) -> list[str]:

@@ -69,9 +69,10 @@ def objectives(result: Result) -> str:
 
 
 def at_bounds(result: Result) -> str:
-    """Return a line that names the returned gains at a bound of the search; empty if no gain is at a bound."""
+    """Return a line that names the tuned gains near a bound of the search; empty if there are none."""
     gains = ", ".join(f"{name} = {gain(result.best.gains[name])} ({bound})" for name, bound in result.at_bound.items())
-    return gains and f"at the bound of the search: {gains}; wider bounds may give better gains"
+    return gains and (f"near a bound of the search (within 1 % of its range): {gains}; wider bounds may give better "
+                      "gains")
 
 
 def write_tuned(result: Result, path: Path, command: str) -> None:

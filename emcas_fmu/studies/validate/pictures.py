@@ -95,7 +95,14 @@ def _over_time(result: Result, view: View, columns: Sequence[tuple[Window, Seque
             axes.margins(x=0.0)
     plots.legend_above(figure)
     caption = view.caption if isinstance(view.caption, str) else view.caption(result)
-    return Drawing(view.title, figure, caption + _BELOW * error)
+    largest = max(float(np.max(np.abs(case.run.excitation.command))) for _, case in shown)
+    return Drawing(view.title, figure, caption + _clipped(result, degrees(largest)) + _BELOW * error)
+
+
+def _clipped(result: Result, largest: float) -> str:
+    """Return a sentence on the command limit, for a caption, if the `largest` command [deg] is beyond it."""
+    limit = degrees(result.parameters.get("command.limit", inf))
+    return f" Commands are clipped to {limit:.4g} deg." * (largest > limit + 1e-9)
 
 
 def _output(axes: Axes, name: str, result: Result, case: CaseResult, window: Window, dots: int,
@@ -133,8 +140,8 @@ def _bode(result: Result, cases: Mapping[tuple[str, str], CaseResult]) -> Drawin
         "Frequency response", figure, "Fundamental of fin angle over command, from the sweeps: "
         + "; ".join("{}: -3 dB at {} Hz, -90 deg at {} Hz".format(look["label"], *curve.stated)
                     for curve, look in curves)
-        + ". Where a large amplitude reaches the rate limit, the response jumps to a larger lag; "
-        "within about 1 Hz of the jump the estimate is smeared, by up to 0.7 dB.")
+        + ". If a limit of the rate acts, the response may jump to a larger lag; "
+        "the sweep smears such a jump over about 1 Hz.")
 
 
 def _linear(result: Result) -> Drawing:
@@ -151,8 +158,8 @@ def _linear(result: Result) -> Drawing:
     plots.legend_above(response)
     difference.set(xlim=(40, 200))
     return Drawing(
-        "Linear and nonlinear", figure, "Steps divided by their size. The linear model's response is the same for all. "
-        "Quantisation and friction of this model show in small steps, its limits in large ones.")
+        "Linear and nonlinear", figure, "Steps divided by their size. The linear model is the thesis's, without "
+        "trajectory generator; its response is the same for all." + _clipped(result, max(result.linear_series)))
 
 
 def _slew_caption(result: Result) -> str:
