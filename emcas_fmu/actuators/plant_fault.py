@@ -38,12 +38,14 @@ class PlantFault:
     @classmethod
     def scaling(cls, name: str, description: str, amount: Variable, *parameters: str, lasting: bool = False
                 ) -> PlantFault:
-        """Return a fault that multiplies `parameters`, dotted names, by its `amount`.
+        """Return a fault that multiplies `parameters`, dotted names, by its `amount`; arrays element by element.
 
         Its `changes` raise AttributeError for a parameter that the actuator does not have.
         """
         def changes(ops: Ops, p: Any, amounts: Any) -> Mapping[str, Value]:
-            return {parameter: getattr(amounts, amount.name) * value_of(p, parameter) for parameter in parameters}
+            factor, values = getattr(amounts, amount.name), {name: value_of(p, name) for name in parameters}
+            return {name: tuple(factor * x for x in value) if isinstance(value, tuple) else factor * value
+                    for name, value in values.items()}
 
         return cls(name, description, changes, (amount,), lasting)
 

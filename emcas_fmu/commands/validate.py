@@ -51,4 +51,4 @@ def validate(
         result = run(subject, case, directory, step, inside, requirements)
     common.write_json(as_dict(result), as_json)
     common.write_results(result, (junit, write_junit), (report, write_report))
-    common.conclude(summary(result), passed=result.outcome)
+    common.conclude(summary(result), report, as_json, junit, passed=result.outcome)

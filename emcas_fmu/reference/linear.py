@@ -45,7 +45,7 @@ class LinearModel:
     """Discrete state space of the closed loop at the controllers' sample times, after the command's latency.
 
     ``sample_time`` is in s; the input is the fin command [rad], the output the fin angle [rad]. ``update``, ``drive``
-    and ``output`` are its matrices; ``written`` is the effect on the next state of a voltage added to the DAC value.
+    and ``output`` are its matrices; ``dac_input`` is the effect on the next state of a voltage added to the DAC value.
     The state is motor angle, speed, current, xi, I, V, r_k-1, m and the DAC values on their way to the drive.
     Raises EmcasError if the model is not valid for the parameters (`obstacle`).
     """
@@ -65,13 +65,13 @@ class LinearModel:
         size = 9 + int(whole)
         unit = np.eye(size + 2)
         following = self._next(unit[:size], unit[size], unit[size + 1])
-        self.update, self.drive, self.written = following[:, :size], following[:, size], following[:, size + 1]
+        self.update, self.drive, self.dac_input = following[:, :size], following[:, size], following[:, size + 1]
         self.latency = whole_samples(values, "command.latency")
         self.output = np.zeros(size)
         self.output[0] = 1.0 / built_ratio
 
-    def _next(self, states: Array, command: Array, written: Array) -> Array:
-        """Return `states` (rows) one sample later, for commands [rad] and `written` [V], added to the DAC value."""
+    def _next(self, states: Array, command: Array, added: Array) -> Array:
+        """Return `states` (rows) one sample later, for commands [rad] and a voltage `added` [V] to the DAC value."""
         p, period = self.values, self.sample_time
         theta, speed, current, _, integral, velocity_integral, previous_target, momentum, *dac = states
         target = self.ratio * command
@@ -81,7 +81,7 @@ class LinearModel:
         torque_constant, bandwidth = p["motor.torque_constant"], p["controller.load_observer"]
         load = bandwidth * (self.inertia * speed - momentum)
         dac.append(p["controller.velocity.kp"] * error + velocity_integral
-                   - load / (torque_constant * p["drive.current_gain"]) + written)
+                   - load / (torque_constant * p["drive.current_gain"]) + added)
         observed = momentum + period * (torque_constant * current + load)
         return np.array([
             *(self.free @ states[:4] + np.outer(self.older, dac[0]) + np.outer(self.newer, dac[1])),

@@ -31,7 +31,7 @@ def reference_loop(values: Mapping[str, Any]) -> System:
     """Return the loop L, opened at the drive's reference; the closed loop has the characteristic equation 1 + L = 0."""
     model = linear_model(values)
     law = model.update[-1]  # the last state after a sample is the new DAC value
-    dac_input = model.written  # effect on the states of a voltage that is added to this value
+    dac_input = model.dac_input  # effect on the states of a voltage that is added to this value
     return -_system(model, model.update - np.outer(dac_input, law), dac_input, law, "dac", "reference")
 
 

@@ -135,8 +135,8 @@ def distribution(written: Mapping[str, Any], unit: In) -> Distribution:
     """Return the distribution that a table describes, in `unit`. Raises ValueError or ValidationError."""
     if "count" in written and "distribution" not in written:
         even = _EvenLevels.model_validate(written, context=unit)
-        width, unit_of = even.high - even.low, "" if unit.unit == "1" else f" {unit.unit}"
-        written = {"levels": [f"{even.low + width * k / (even.count - 1)!r}{unit_of}" for k in range(even.count)]}
+        width, suffix = even.high - even.low, _suffix(unit)
+        written = {"levels": [f"{even.low + width * k / (even.count - 1)!r}{suffix}" for k in range(even.count)]}
     kind = kind_of({"distribution": "choice", **written} if "levels" in written else written, KINDS, "distribution")
     if kind != "choice" and unit.type != "Real":
         raise ValueError(f"{'true and false have' if unit.type == 'Boolean' else 'a whole number has'} no such "
@@ -146,15 +146,19 @@ def distribution(written: Mapping[str, Any], unit: In) -> Distribution:
                     Distribution(kind, {key: getattr(table, key) for key in KINDS[kind]}), unit)
 
 
+def _suffix(unit: In) -> str:
+    return "" if unit.unit == "1" else f" {unit.unit}"
+
+
 def _checked(read: Distribution, unit: In) -> Distribution:
     """Return a distribution. Raises ValueError if its numbers contradict each other or its values exceed the limits."""
-    n = read.numbers
+    n, suffix = read.numbers, _suffix(unit)
     if "low" in n and not n["low"] < n["high"]:
-        raise ValueError(f"low = {n['low']:g} must be below high = {n['high']:g} {unit.unit}")
+        raise ValueError(f"low = {n['low']:g} must be below high = {n['high']:g}{suffix}")
     if "mode" in n and not n["low"] <= n["mode"] <= n["high"]:
-        raise ValueError(f"mode = {n['mode']:g} must be within {n['low']:g} .. {n['high']:g} {unit.unit}")
+        raise ValueError(f"mode = {n['mode']:g} must be within {n['low']:g} .. {n['high']:g}{suffix}")
     if "sd" in n and not n["sd"] > 0.0:
-        raise ValueError(f"sd = {n['sd']:g} {unit.unit}: must be above 0 (a percentage refers to the mean)")
+        raise ValueError(f"sd = {n['sd']:g}{suffix}: must be above 0 (a percentage refers to the mean)")
     for kind, key in (("lognormal", "mean"), ("log-uniform", "low")):
         if read.kind == kind and not n[key] > 0.0:
             raise ValueError(f"{key} = {n[key]:g}: a {kind} distribution needs a {key} above 0")
