@@ -266,8 +266,10 @@ def fin_sets(base: ParameterSet, fins: int, layout: str = "cross",
     for fin in files:
         if not 1 <= fin <= fins:
             raise EmcasError(f"fin {fin}={files[fin]}: the FMU has fins 1 to {fins}")
-    sets = tuple(load_parameters(files.get(fin), base.with_values({AZIMUTH: f"{azimuth} deg"}))
-                 for fin, azimuth in enumerate(angles, 1))
+    turned = [base.with_values({AZIMUTH: f"{azimuth} deg"}) for azimuth in angles]
+    # A fin that has the azimuth of `base` keeps its source.
+    sets = tuple(load_parameters(files.get(fin), base if each.values == base.values else each)
+                 for fin, each in enumerate(turned, 1))
     require_shared(sets, ", ".join(map(str, files.values())))
     return sets
 

@@ -16,7 +16,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from .. import __version__
-from ..actuators import EXTENSIONS, NONLINEAR, get, parts
+from ..actuators import EXTENSIONS, FMU_ONLY, NONLINEAR, get, parts
 from ..parameters import IDENTIFIED, ParameterSet, Value
 from ..reference.files import parameters_hash
 from .provenance import repeatable
@@ -112,10 +112,13 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
     model = sets[0].model
     actuator, extensions = parts(model)
     source, integrated = get(actuator).source, get(actuator).reference is not None and not extensions
-    option = f"--model {'+'.join((shlex.quote(source.name) if source else actuator, *extensions))}"
+    # Commands neither have half an actuator, or one with another interface, as their --model, nor run its FMU.
+    options = [each for each in extensions if each not in FMU_ONLY]
+    runs = len(options) == len(extensions)
+    option = f"--model {'+'.join((shlex.quote(source.name) if source else actuator, *options))}"
     files = (f"--parameters {shlex.quote(file)}" for file in dict.fromkeys(
         s.file for p in sets for s in repeatable(p).sources if s.sha256))
-    settings = "".join(f" {each}" for each in (*([option] if model != NONLINEAR else ()), *files))
+    settings = "".join(f" {each}" for each in (*([option] if actuator != NONLINEAR or options else ()), *files))
     external = f" {option}" if source else ""
     build, article = f"emcas build{settings} --output A.fmu; ", shlex.quote(fmu or "A.fmu") + external
     identified = {e.variable.name: e.note for p in sets for e in p.entries if e.source == IDENTIFIED}
@@ -128,9 +131,10 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
                            "comparison with an independent integration", NOT_DONE,
                            note="" if integrated else "this actuator has none",
                            command=f"{build}emcas validate A.fmu{external}" if integrated else "")]),
-                       Fact(CONVERGENCE, NOT_DONE, command=f"{'' if fmu else build}emcas report {article}"),
+                       Fact(CONVERGENCE, NOT_DONE, command=
+                            f"{'' if fmu else build}emcas report {article}" if runs else ""),
                        Fact("Python against native FMU", NOT_DONE, command=
-                            "emcas baseline record PYTHON.fmu; emcas baseline check NATIVE.fmu")],
+                            "emcas baseline record PYTHON.fmu; emcas baseline check NATIVE.fmu" if runs else "")],
         VALIDATION: [*(Fact(f"record {name}", use or "parameters were identified from it",
                             note=f"SHA-256 {sha256}") for name, sha256, use in records),
                      *([Fact("records of the identified parameters", NOT_DONE, note="the parameter file names none")]
@@ -142,7 +146,8 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
         UNCERTAINTY: [*([Fact("identified parameters, 1 sigma in their notes", len(with_sigma), names=with_sigma)]
                         if with_sigma else ()),
                       Fact("effect of uncertain parameters, loads and faults on results", NOT_DONE,
-                           command=f"emcas campaign CAMPAIGN.toml{f' --fmu {shlex.quote(fmu)}' if fmu else ''}")],
+                           command=f"emcas campaign CAMPAIGN.toml{f' --fmu {shlex.quote(fmu)}' if fmu else ''}"
+                           if runs else "")],
         ROBUSTNESS: [Fact("sensitivity to each estimate", NOT_DONE,
                           command=f"emcas parameters{settings} --sensitivity TORQUE")],
         HISTORY: [Fact("earlier uses and their results", NOT_DONE)],
@@ -154,13 +159,16 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
     return Card(
         SCHEMA, get(model).name, tuple(parameters_hash(p.values) for p in sets), USE,
         (f"Results describe the model; {APPLIES}.",
-         *([f"It is without the extensions {', '.join(missing)}."] if missing else ()), *warnings),
+         *([f"It is without the extensions {', '.join(missing)}."] if missing else ()),
+         *(() if runs else ["emcas report, validate, baseline and campaign cannot run this FMU: it does not have all "
+                            "inputs of an actuator."]), *warnings),
         tuple(Factor(name, tuple(facts)) for name, facts in factors.items()))
 
 
 def _sources(sets: Sequence[ParameterSet], settings: str) -> Iterator[Fact]:
     """Yield the number of parameters from each source, then the identified values; fins with equal facts share them."""
     counted: dict[tuple[str, tuple[str, ...]], list[int]] = {}
+    changed = {name for each in repeatable(*sets).sources for name in each.changed}
     identified: dict[tuple[str, float, str, str], list[int]] = {}
     for fin, p in enumerate(sets, 1):
         by_source: dict[str, list[str]] = {}
@@ -175,8 +183,9 @@ def _sources(sets: Sequence[ParameterSet], settings: str) -> Iterator[Fact]:
         return "" if len(fins) == len(sets) else f" of fin {', '.join(map(str, fins))}"
 
     for (origin, listed), fins in counted.items():
+        in_files = origin != "user" or changed.isdisjoint(listed)
         yield Fact(f"parameters{of_fins(fins)}, source: {origin}", len(listed), names=listed,
-                   command=f"emcas parameters{settings}")
+                   command=f"emcas parameters{settings}" if in_files else "")
     for (name, value, unit, note), fins in identified.items():
         yield Fact(f"{name}{of_fins(fins)}", value, unit, note=note)
 
@@ -189,7 +198,7 @@ def _configuration(sets: Sequence[ParameterSet]) -> Iterator[Fact]:
     for file in filter(None, (actuator.source, *actuator.files)):
         yield Fact(f"actuator's {file.name}", f"SHA-256 {hashlib.sha256(file.read_bytes()).hexdigest()}")
     for source in repeatable(*sets).sources:
-        yield Fact(source.what, source.file, names=source.changed, note=" ".join([
+        file = f"{source.file}; changed afterwards" if source.changed else source.file
+        yield Fact(source.what, file, names=source.changed, note=" ".join([
             *([f"SHA-256 {source.sha256}."] if source.sha256 else ()),
-            *([f"Values, SHA-256 {source.values_sha256}."] if source.values_sha256 else ()),
-            *(["Changed after the files:"] if source.changed else ())]))
+            *([f"Values, SHA-256 {source.values_sha256}."] if source.values_sha256 else ())]))

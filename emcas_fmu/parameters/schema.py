@@ -198,10 +198,14 @@ class In:
         return cls(variable.unit, variable.minimum, variable.maximum, base, variable.kind)
 
     @property
+    def suffix(self) -> str:
+        """The unit after a number: a space and the unit, empty for a pure number."""
+        return "" if self.unit == "1" else f" {self.unit}"
+
+    @property
     def limits(self) -> str:
         """The limits in words."""
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        return f"within {self.minimum:g} .. {self.maximum:g}{unit}"
+        return f"within {self.minimum:g} .. {self.maximum:g}{self.suffix}"
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
         return core_schema.no_info_plain_validator_function(self.limited)

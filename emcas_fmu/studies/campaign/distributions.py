@@ -135,8 +135,8 @@ def distribution(written: Mapping[str, Any], unit: In) -> Distribution:
     """Return the distribution that a table describes, in `unit`. Raises ValueError or ValidationError."""
     if "count" in written and "distribution" not in written:
         even = _EvenLevels.model_validate(written, context=unit)
-        width, suffix = even.high - even.low, _suffix(unit)
-        written = {"levels": [f"{even.low + width * k / (even.count - 1)!r}{suffix}" for k in range(even.count)]}
+        width = even.high - even.low
+        written = {"levels": [f"{even.low + width * k / (even.count - 1)!r}{unit.suffix}" for k in range(even.count)]}
     kind = kind_of({"distribution": "choice", **written} if "levels" in written else written, KINDS, "distribution")
     if kind != "choice" and unit.type != "Real":
         raise ValueError(f"{'true and false have' if unit.type == 'Boolean' else 'a whole number has'} no such "
@@ -146,13 +146,9 @@ def distribution(written: Mapping[str, Any], unit: In) -> Distribution:
                     Distribution(kind, {key: getattr(table, key) for key in KINDS[kind]}), unit)
 
 
-def _suffix(unit: In) -> str:
-    return "" if unit.unit == "1" else f" {unit.unit}"
-
-
 def _checked(read: Distribution, unit: In) -> Distribution:
     """Return a distribution. Raises ValueError if its numbers contradict each other or its values exceed the limits."""
-    n, suffix = read.numbers, _suffix(unit)
+    n, suffix = read.numbers, unit.suffix
     if "low" in n and not n["low"] < n["high"]:
         raise ValueError(f"low = {n['low']:g} must be below high = {n['high']:g}{suffix}")
     if "mode" in n and not n["low"] <= n["mode"] <= n["high"]:
