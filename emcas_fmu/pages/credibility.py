@@ -112,7 +112,7 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
     model = sets[0].model
     actuator, extensions = parts(model)
     source, integrated = get(actuator).source, get(actuator).reference is not None and not extensions
-    # Commands neither have half an actuator, or one with another interface, as their --model, nor run its FMU.
+    # No command accepts half an actuator, or one with the torque interface, as its --model, or runs its FMU.
     options = [each for each in extensions if each not in FMU_ONLY]
     runs = len(options) == len(extensions)
     option = f"--model {'+'.join((shlex.quote(source.name) if source else actuator, *options))}"
@@ -198,7 +198,7 @@ def _configuration(sets: Sequence[ParameterSet]) -> Iterator[Fact]:
     for file in filter(None, (actuator.source, *actuator.files)):
         yield Fact(f"actuator's {file.name}", f"SHA-256 {hashlib.sha256(file.read_bytes()).hexdigest()}")
     for source in repeatable(*sets).sources:
-        file = f"{source.file}; changed afterwards" if source.changed else source.file
-        yield Fact(source.what, file, names=source.changed, note=" ".join([
+        value = source.file + "; changed afterwards" * bool(source.changed)
+        yield Fact(source.what, value, names=source.changed, note=" ".join([
             *([f"SHA-256 {source.sha256}."] if source.sha256 else ()),
             *([f"Values, SHA-256 {source.values_sha256}."] if source.values_sha256 else ())]))
