@@ -44,7 +44,7 @@ def test_bidirectional_figures_by_hand() -> None:
 
 @pytest.mark.parametrize("half", [0.002, 0.05])
 def test_play_has_the_hysteresis_of_its_width(half: float) -> None:
-    found = accuracy.static(Rig(Play(half=half))).figures["grid"]
+    found = accuracy.static(Rig(Play(half_width=half))).figures["grid"]
     # Nothing is left to numerics but the conversion between degrees and radians.
     assert found["hysteresis_deg"] == pytest.approx(2.0 * half, abs=1e-12)
     assert found["largest_error_deg"] == pytest.approx(half, abs=1e-12)
@@ -62,7 +62,7 @@ class Spring(Known):
 
 def test_budget_of_play_and_spring_by_hand() -> None:
     """What does not depend on a parameter has no other term; drawn units are all alike."""
-    play, spring = (budget.measure(Rig(subject)).figures for subject in (Play(half=0.03), Spring()))
+    play, spring = (budget.measure(Rig(subject)).figures for subject in (Play(half_width=0.03), Spring()))
     for figures, loop, friction in ((play, (0.0, 0.0), (0.03, 0.03)), (spring, (0.0, 0.2), (0.0, 0.0))):
         sums = ("worst_case", "root_of_squares", "monte_carlo_95", "monte_carlo_99", "as_set", "required")
         assert {name for name in figures if name not in sums} > {"loop", "friction", "encoder", "screw_lead"}
@@ -98,7 +98,7 @@ def test_hunting_is_no_answer() -> None:
 
 @pytest.mark.parametrize("half", [0.01, 0.2])
 def test_play_has_the_thresholds_of_its_width(half: float, values: Mapping[str, Any]) -> None:
-    found = accuracy.threshold(Rig(Play(half=half))).figures
+    found = accuracy.threshold(Rig(Play(half_width=half))).figures
     # From the middle of the play, across the whole of it, and not at all; then a count has to be seen.
     for group, crossed in (("from_rest", half), ("after_reversal", 2.0 * half), ("increment", 0.0)):
         expected = crossed + count(values)

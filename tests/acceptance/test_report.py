@@ -446,7 +446,7 @@ figure = "frequency_response.1deg.bandwidth_3db_hz"
 {sense} = "{limit} Hz"
 """ for name, sense, limit in (("met", "minimum", 20), ("cannot_tell", "minimum", 70), ("bounded", "maximum", 70))),
                     encoding="utf-8")
-    found = carry_out(Play(there=FIN_PORT), specification=load_requirements(file, load_parameters()))
+    found = carry_out(Play(outputs=FIN_PORT), specification=load_requirements(file, load_parameters()))
     assert [(j.name, j.measured, j.beyond, j.passed) for j in found.judged] == [
         ("met", 60.0, True, True), ("cannot_tell", 60.0, True, False), ("bounded", 60.0, True, False)]
     assert str(found.judged[1]).startswith("cannot_tell: > 60 Hz, required >= 70 Hz")
@@ -458,7 +458,7 @@ figure = "frequency_response.1deg.bandwidth_3db_hz"
 @pytest.mark.parametrize(("more", "skipped"), [("", False), ("optional = true", True)])
 def test_what_needs_an_output_the_actuator_lacks_is_not_applicable(more: str, skipped: bool, tmp_path: Path) -> None:
     wanted = loaded(tmp_path, "5 A", "mission.synthetic.motor_current_rms_a", more=more)
-    found = carry_out(Play(there=FIN_PORT), specification=wanted)
+    found = carry_out(Play(outputs=FIN_PORT), specification=wanted)
     assert not found.stopped
     figures = dict(flat(found.outcomes))
     assert not any(part in name for name in figures for part in ("current", "_power_", "energy"))

@@ -1,8 +1,8 @@
-"""What the bench gives, as numbers that are kept: excitations, figures, and every figure of every kind of test judged.
+"""Stored numbers of the bench: excitations, figures of synthetic columns, and a verdict on every figure of every kind.
 
-    python -m tests.bench.figures        # writes them anew
+    python -m tests.bench.figures        # computes and writes the numbers
 
-As with the table of trajectories, a test compares, and the numbers show that something moved, not that it is right.
+test_figures.py compares them. Like the table of trajectories they show that something changed, not that it is right.
 """
 
 from __future__ import annotations
@@ -35,20 +35,20 @@ TESTS: Mapping[str, str] = {
     "load": 'torque = "80 N*m", duration = "0.5 s"', "sine": 'amplitude = "1.5 deg"', "linear": "",
     "release": 'torque = "80 N*m", settle = "0.5 s", duration = "0.5 s"',
     "repeat": 'amplitude = "8 deg", torque = "90 N*m", duration = "0.4 s"'}
-# Some of the limits are kept and some are not.
+# Some of these limits are met and some are missed.
 LIMITS: Mapping[str, str] = {"s": "60 ms", "rad": "0.9 deg", "rad/s": "150 deg/s", "A": "11 A", "W": "400 W",
                              "J": "12 J", "Hz": "15 Hz", "dB": "9 dB", "1": "7 %"}
-# Actuators whose bench is judged, by a parameter that a case of it changes.
+# Actuators under test, and the parameters that the case `other` changes.
 JUDGED: Mapping[str, str] = {
     "nonlinear": '"controller.position.kp" = "70 %"\n"command.limit" = "17 deg"',
     "second-order": '"second_order.rate_limit" = "60 %"'}
 
 
 def specification(model: str) -> str:
-    """Return a file of requirements with every figure of every kind of test."""
+    """Return the text of a file of requirements with every figure of every kind of test."""
     lines = ["[cases.nominal]\n[cases.other]\n" + JUDGED[model]]
-    for kind, figures in KINDS.items():
-        for name in figures:
+    for kind, names in KINDS.items():
+        for name in names:
             sense = "minimum" if FIGURES[name].bad < 0.0 else "maximum"
             settings = ", ".join(filter(None, (f'kind = "{kind}"', TESTS[kind])))
             lines.append(f'[[requirements]]\nname = "{kind}.{name}"\ntest = {{ {settings} }}\nfigure = "{name}"\n'
@@ -56,16 +56,16 @@ def specification(model: str) -> str:
     return "\n".join(lines)
 
 
-def judged(model: str, folder: Path) -> dict[str, list[Any]]:
-    """Return what is judged of a model: measured, margin and its share, whether it is kept, and all in words."""
-    path, p = folder / "all.toml", load_parameters(model=model)
+def verdicts(model: str, folder: Path) -> dict[str, list[Any]]:
+    """Return of each requirement the measured value, margin, margin in percent, whether it is met, and its text."""
+    path, parameters = folder / "all.toml", load_parameters(model=model)
     path.write_text(specification(model), encoding="utf-8")
     return {j.name: [*numbers([j.measured, j.margin, j.margin_percent]), j.passed, str(j)]
-            for j in judge(ParameterSubject(p), load_requirements(path, p))}
+            for j in judge(ParameterSubject(parameters), load_requirements(path, parameters))}
 
 
 def numbers(value: Any) -> Iterator[Any]:
-    """Give what a value is made of, texts and numbers: of an array its mark."""
+    """Yield the texts and numbers in a value; an array gives its mark."""
     if is_dataclass(value):
         yield from numbers([getattr(value, field.name) for field in fields(value)])
     elif isinstance(value, Mapping):
@@ -78,15 +78,16 @@ def numbers(value: Any) -> Iterator[Any]:
     elif np.iscomplexobj(value):
         yield from numbers([np.real(value), np.imag(value)])
     else:
-        yield _short(mark(np.nan_to_num(np.atleast_1d(value), nan=-7.0, posinf=-11.0, neginf=-13.0)))
+        finite = np.nan_to_num(np.atleast_1d(value), nan=-7.0, posinf=-11.0, neginf=-13.0)
+        yield float(f"{mark(finite):.12g}")
 
 
-def excited(folder: Path) -> dict[str, list[Any]]:
-    """Return the marks of an excitation of each kind."""
+def excitations(folder: Path) -> dict[str, list[Any]]:
+    """Return the marks of one excitation of each kind."""
     path = folder / "inputs.csv"
     path.write_text("time,fin_command,aero_torque\n0.003,0.1,5\n0.01,-0.2,6\n0.01,0.3,6.5\n0.0241,0.1,-7\n0.03,0.2,1\n",
                     encoding="utf-8")
-    made: dict[str, Excitation] = {
+    by_kind: dict[str, Excitation] = {
         "step": excitation.step_to(0.2, 0.12, 30.0, 2e-3), "slew": excitation.slew_to(-0.3, 0.2, 60.0, 0.15),
         "sweep": excitation.sweep(0.02, 0.7, 0.8, 19.0), "sine": excitation.sine(0.03, 12.0),
         "sines": excitation.sine(0.03, np.array([3.0, 7.0, 11.0]), np.array([2.0, 4.0, 5.0]), (1.5, 0.2),
@@ -97,11 +98,11 @@ def excited(folder: Path) -> dict[str, list[Any]]:
         "case with encoder": excitation.reference_case("chirp_1deg", False),
         "file": excitation.csv_file(path, 2e-3, 0.04)}
     return {name: list(numbers([e, e.time, e.stop, len(e.moves), e.moves[-3:], e.judged(e.time), e.of(1), e.of(-1)]))
-            for name, e in made.items()}
+            for name, e in by_kind.items()}
 
 
-def measured() -> dict[str, list[Any]]:
-    """Return the marks of figures of made-up columns, of one run and of several."""
+def synthetic_figures() -> dict[str, list[Any]]:
+    """Return the marks of figures of synthetic columns, of one run and of several runs."""
     time = np.arange(1501) * 2e-3
     since = np.maximum(time - 0.2, 0.0)
     responses = np.array([level * (1.0 - np.exp(-rate * since) * np.cos(4.0 * rate * since))
@@ -112,7 +113,7 @@ def measured() -> dict[str, list[Any]]:
     response = frequency_response(sweep.time, sweep.command, lagged, 0.7, 22.0)
     several = np.array([[0.1, 0.13, 0.08], [-0.2, -0.25, -0.21], [0.4, np.nan, 0.3]])
     weights = metrics.leap_weights(60, 0.01, np.array([0.083, 0.2, 0.4449, 0.581]))
-    found = {
+    results = {
         "errors": metrics.errors(responses[0], responses[1]),
         "steps": [metrics.step_metrics(time, each, 0.2, level)
                   for each in (responses, responses[0]) for level in (0.2, -0.1)],
@@ -127,25 +128,18 @@ def measured() -> dict[str, list[Any]]:
             "a_n_m_per_rad", "b_deg_per_s", "c_l_per_min", "d_percent", "e_n_m", "f_deg", "g_mpa", "h_hz", "i_db",
             "j_s", "k_v", "l_a", "m_w", "n_j", "o")],
         "displayed": metrics.displayed(dict.fromkeys(FIGURES, 1.7))}
-    return {name: list(numbers(value)) for name, value in found.items()}
-
-
-def _short(value: float) -> float:
-    return float(f"{value:.12g}")
-
-
-def figures() -> dict[str, dict[str, list[Any]]]:
-    """Return all that is kept."""
-    with tempfile.TemporaryDirectory() as folder:
-        return {"excitations": excited(Path(folder)), "figures": measured(),
-                **{model: judged(model, Path(folder)) for model in JUDGED}}
+    return {name: list(numbers(value)) for name, value in results.items()}
 
 
 def write() -> None:
-    """Write the numbers, a line for each list."""
+    """Write the numbers, one line per list."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder)
+        results = {"excitations": excitations(path), "figures": synthetic_figures(),
+                   **{model: verdicts(model, path) for model in JUDGED}}
     sections = (f"{json.dumps(name)}: {{\n" + ",\n".join(
         f" {json.dumps(key)}: {json.dumps(values)}" for key, values in rows.items()) + "\n}"
-        for name, rows in figures().items())
+        for name, rows in results.items())
     FILE.write_text("{" + ",\n".join(sections) + "}\n", encoding="utf-8", newline="\n")
 
 

@@ -1,4 +1,4 @@
-"""Subjects whose every figure is known in closed form."""
+"""Subjects whose figures are known in closed form."""
 
 from __future__ import annotations
 
@@ -20,85 +20,82 @@ FIN_PORT = ("fin_angle", "fin_rate", "saturated", "at_stop")
 
 
 class Known(Subject):
-    """A subject that answers with `angle`; everything else it puts out is zero, and it has only `there` of it."""
+    """A subject whose fin angle is a function of the command and the hinge torque; its other outputs are zero.
 
-    def __init__(self, values: Mapping[str, Any] | None = None, there: Iterable[str] | None = None) -> None:
+    `outputs` are the names of the outputs that it has, by default those of the default actuator.
+    """
+
+    def __init__(self, values: Mapping[str, Any] | None = None, outputs: Iterable[str] | None = None) -> None:
         self._values = load_parameters().values if values is None else values
-        if there is not None:
-            self.outputs: Mapping[str, Variable] = {name: self.outputs[name] for name in there}
+        if outputs is not None:
+            self.outputs: Mapping[str, Variable] = {name: self.outputs[name] for name in outputs}
 
     @property
     def values(self) -> Mapping[str, Any]:
-        """The parameters."""
         return self._values
 
     @property
     def identification(self) -> Identification:
-        """A name."""
         return IDENTIFICATION
 
-    def angle(self, command: Any, moment: Any, step: float) -> Any:
-        """Fin angle [rad] at the rows."""
+    def angle(self, command: Any, torque: Any, step: float) -> Any:
+        """Return the fin angle [rad] in every row, from command [rad], hinge torque [N.m] and the rows' step [s]."""
         raise NotImplementedError
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
-        """The run of a subject."""
         zero = np.zeros(len(excitation.time))
         columns = {"time": excitation.time, **dict.fromkeys(self.outputs if outputs is None else outputs, zero)}
-        moment = excitation.columns.get("aero_torque", zero)
-        columns["fin_angle"] = self.angle(excitation.command, moment, excitation.step)
+        torque = excitation.columns.get("aero_torque", zero)
+        columns["fin_angle"] = self.angle(excitation.command, torque, excitation.step)
         return Run(excitation, columns, None, (), 0.0)
 
 
 class Play(Known):
-    """Follows the command of the row before, but for a play of half-width `half` [deg], in whose middle it starts."""
+    """Follows the previous row's command with a play of `half_width` [deg] to each side; it starts in the middle."""
 
-    def __init__(self, half: float = 0.05, values: Mapping[str, Any] | None = None,
-                 there: Iterable[str] | None = None) -> None:
-        super().__init__(values, there)
-        self.half = half
+    def __init__(self, half_width: float = 0.05, values: Mapping[str, Any] | None = None,
+                 outputs: Iterable[str] | None = None) -> None:
+        super().__init__(values, outputs)
+        self.half_width = half_width
 
-    def angle(self, command: Any, moment: Any, step: float) -> Any:
-        """The play operator."""
-        # What a row commands acts after that row's output is read.
-        wanted, found, at = np.degrees(np.append(0.0, command[:-1])), [], 0.0
-        for level in wanted:
-            at = min(max(at, level - self.half), level + self.half)
-            found.append(at)
-        return np.radians(found)
+    def angle(self, command: Any, torque: Any, step: float) -> Any:
+        # The output of a row is read before the row's command acts.
+        degrees_out, angle = [], 0.0
+        for level in np.degrees(np.append(0.0, command[:-1])):
+            angle = min(max(angle, level - self.half_width), level + self.half_width)
+            degrees_out.append(angle)
+        return np.radians(degrees_out)
 
 
 class SecondOrder(Known):
-    """M x'' + B x' + K x = T + K command, moment held over a step and solved exactly."""
+    """M x'' + B x' + K x = torque + K command, solved exactly with inputs that are constant during each step."""
 
     mass, damping, stiffness = 1.3, 104.0, 9000.0
 
-    def angle(self, command: Any, moment: Any, step: float) -> Any:
-        """Matrix exponential over every step."""
+    def angle(self, command: Any, torque: Any, step: float) -> Any:
         a = np.array([[0.0, 1.0], [-self.stiffness / self.mass, -self.damping / self.mass]])
         system = (a, np.array([[0.0], [1.0 / self.mass]]), np.array([[1.0, 0.0]]), np.array([[0.0]]))
-        _, found, _ = signal.dlsim(signal.cont2discrete(system, step), moment + self.stiffness * command)
-        return found[:, 0]
+        _, response, _ = signal.dlsim(signal.cont2discrete(system, step), torque + self.stiffness * command)
+        return response[:, 0]
 
     def dynamic_stiffness(self, frequency: Any) -> Any:
-        """K - M w^2 + i w B."""
+        """Return K - M w^2 + i w B [N.m/rad]."""
         w = 2.0 * np.pi * frequency
         return self.stiffness - self.mass * w**2 + 1j * w * self.damping
 
 
 class Broken(Known):
-    """Goes no further than 10 ms."""
+    """A subject whose runs end after 10 ms with an error."""
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
-        """A run that ends early."""
         names = self.outputs if outputs is None else outputs
         columns = {"time": np.array([0.0, 0.01]), **{name: np.zeros(2) for name in names}}
         return Run(excitation, columns, 0.01, ("error: the bridge is open",), 0.0)
 
 
 def count(values: Mapping[str, Any]) -> float:
-    """Angle at the fin [deg] of a count of an encoder on the motor, the lever upright."""
+    """Return the fin angle [deg] of one count of the motor's encoder, with the lever at a right angle to the screw."""
     turn = 2.0 * np.pi / (values["encoder.pulses"] * values["encoder.multiplier"])
     return float(degrees(turn * values["screw.lead"] / values["kinematics.moment_arm"]))

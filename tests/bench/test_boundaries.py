@@ -1,4 +1,4 @@
-"""Where the bench's inputs begin to be refused: the last value that is accepted, and the first that is not."""
+"""Limits of the bench's inputs: a value on the limit is accepted, a value beyond it is refused."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.motions import LEAD_IN, SETTLE, STEP
 from emcas_fmu.parameters import load_parameters
 
-FASTEST = 0.5 / STEP  # Hz, two rows a cycle
-MOST = 1000
+FASTEST = 0.5 / STEP  # Hz, two rows per cycle
+MOST = 1000  # rows
 
-# A call with one free value, an accepted value, a refused one.
+# Name: function of one value, an accepted value, a refused value.
 LIMITS: dict[str, tuple[Callable[[Any], Any], Any, Any]] = {
     "half a step": (lambda x: times(x, 1.0), 0.51, 0.5), "most rows": (lambda x: times(x, 0.5), 0.5 * MOST, 501.0),
     "no step": (lambda x: times(1.0, x), 1e-2, 0.0), "no hold": (lambda x: step_to(0.1, x), 0.0, -1e-9),
@@ -64,7 +64,7 @@ LIMITS: dict[str, tuple[Callable[[Any], Any], Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", LIMITS)
-def test_the_last_that_is_accepted(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_value_on_the_limit_is_accepted_and_beyond_it_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(excitation, "MOST_POINTS", MOST)
     call, accepted, refused = LIMITS[name]
     call(accepted)
@@ -75,7 +75,7 @@ def test_the_last_that_is_accepted(name: str, monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize(("rows", "accepted"), [
     ("0,1\n0.01,2", True), ("0,1\n0,2\n0.01,2", True), ("-1e-9,1\n0.01,2", False), ("0.01,1\n0.009,2\n0.02,2", False),
     ("0,1\n0.01,nan", False), ("0,1\n0.01,inf", False), ("0,1\ninf,1", False), ("0,1\n0.01", False)])
-def test_times_of_a_file(rows: str, accepted: bool, tmp_path: Path) -> None:
+def test_times_of_a_file_must_begin_at_zero_and_not_decrease(rows: str, accepted: bool, tmp_path: Path) -> None:
     path = tmp_path / "inputs.csv"
     path.write_text(f"time,fin_command\n{rows}\n", encoding="utf-8")
     if accepted:
@@ -87,7 +87,7 @@ def test_times_of_a_file(rows: str, accepted: bool, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("holds", [[1, 1], [3, 1], [2, 0, 5], [1, 4, 1]])
 def test_each_row_of_a_staircase_has_the_level_of_its_time(holds: list[int]) -> None:
-    """The last level lasts to the last row, which is at its end, however short it is."""
+    """The last row, at the end of the last hold, still has the last level."""
     levels = [0.1 * (k + 1) for k in range(len(holds))]
     made = staircase(levels, [STEP * count for count in holds])
     by_hand = [level for level, count in zip(levels, holds) for _ in range(count)]
@@ -97,28 +97,26 @@ def test_each_row_of_a_staircase_has_the_level_of_its_time(holds: list[int]) -> 
 
 
 @pytest.mark.parametrize("frequency", [2.0, 7.0, 8.0, 9.0, 40.0])
-def test_a_sine_lasts_its_transient_and_its_cycles(frequency: float) -> None:
-    """By default four cycles, and half a second at least; then six that are judged."""
+def test_duration_of_a_sine_is_its_transient_and_its_judged_cycles(frequency: float) -> None:
+    """The default transient is four cycles, at least half a second; six cycles are judged."""
     made = sine(0.1, frequency)
     assert made.stop == pytest.approx(max(4.0 / frequency, 0.5) + 6.0 / frequency, abs=0.51 * STEP)
     assert made.stop - made.begin == pytest.approx(6.0 / frequency, rel=1e-9)
 
 
-def test_what_is_not_said_is_not_done() -> None:
-    """No load, no spring, no change of parameters; the rest before the motion is that of the reference cases."""
+def test_default_excitation_has_no_load_spring_or_changed_parameter() -> None:
     for made, begin in ((step_to(0.1, 0.2), LEAD_IN), (slew_to(0.1, 0.2), SETTLE), (sweep(0.1, 0.2), LEAD_IN)):
         assert list(made.columns) == ["fin_command"]
         assert (made.begin, made.step, made.spring, dict(made.start_values)) == (begin, STEP, 0.0, {})
 
 
-def test_worse_is_a_sign() -> None:
-    """Of a figure larger is worse, or smaller; by how much is not for `bad` to say."""
+def test_bad_of_a_figure_is_plus_or_minus_one() -> None:
     assert {abs(figure.bad) for figure in FIGURES.values()} == {1.0}
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_test_without_settings(kind: str) -> None:
-    """It is at rest, unloaded, at the full supply; what it simulates is both directions of all that it commands."""
+def test_default_test_is_unloaded_at_full_supply(kind: str) -> None:
+    """The simulated time counts both directions."""
     test = Test(kind)
     assert (test.amplitude, test.torque, test.settle, test.supply) == (0.0, 0.0, SETTLE, 1.0)
     assert "against" not in str(test)
@@ -137,65 +135,63 @@ def test_duration_of_the_history_of_use() -> None:
     assert test.simulated == pytest.approx(2.0 * (used.begin + 3.0 * test.duration), abs=4.0 * STEP)
 
 
-# A setting of a test in a file of requirements: least, most, and by how much beyond is refused.
+# Setting of a test in a file of requirements: least and greatest value, how far beyond a value is refused, unit.
 SETTINGS: dict[str, tuple[float, float, float, str]] = {
     "duration": (0.3, 100.0, 1e-4, "s"), "settle": (STEP, 100.0, 1e-6, "s"), "supply": (0.1, 2.0, 1e-4, "")}
-NEEDED = {"amplitude": "amplitude = '5 deg'", "torque": "torque = '50 N.m'"}
+REQUIRED = {"amplitude": "amplitude = '5 deg'", "torque": "torque = '50 N.m'"}
 HAS = {"step": ("amplitude", "duration", "supply"), "slew": ("amplitude", "duration", "supply", "settle"),
        "load": ("torque", "duration", "supply"), "release": ("torque", "duration", "supply", "settle"),
        "sine": ("amplitude",), "linear": (), "repeat": ("amplitude", "torque", "duration")}
 
 
-def required(folder: Path, test: str, figure: str, limit: str = "maximum = 1") -> Requirement:
-    """Return a requirement as it is read from a file."""
+def requirement(folder: Path, test: str, figure: str, limit: str) -> Requirement:
+    """Write a file with one requirement and return the requirement as read from it."""
     path = folder / "mine.toml"
     path.write_text(f"[[requirements]]\nname = 'x'\ntest = {{ {test} }}\nfigure = '{figure}'\n{limit}\n",
                     encoding="utf-8")
-    (requirement,) = load_requirements(path, load_parameters()).requirements
-    return requirement
+    (only,) = load_requirements(path, load_parameters()).requirements
+    return only
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_settings_of_a_file(kind: str, tmp_path: Path) -> None:
-    """Those that are not there are as of a test without them; the least and the most of each are accepted."""
-    needed = [NEEDED[name] for name in HAS[kind] if name in NEEDED]
-    unit = FIGURES[KINDS[kind][0]].unit
-    limit = f"maximum = '20 {unit}'"
+def test_range_of_each_setting_of_a_test(kind: str, tmp_path: Path) -> None:
+    """Missing settings have the defaults of Test. The least and greatest value are accepted, values beyond refused."""
+    figure, unit = KINDS[kind][0], FIGURES[KINDS[kind][0]].unit
+    required = {name: value for name, value in (("amplitude", radians(5.0)), ("torque", 50.0)) if name in HAS[kind]}
+    texts = [f"kind = '{kind}'", *(REQUIRED[name] for name in required)]
 
-    def made(*settings: str) -> Test | None:
-        return required(tmp_path, ", ".join((f"kind = '{kind}'", *needed, *settings)), KINDS[kind][0], limit).test
+    def read(*settings: str) -> Test | None:
+        return requirement(tmp_path, ", ".join((*texts, *settings)), figure, f"maximum = '20 {unit}'").test
 
-    plain = made()
-    given = {name: value for name, value in (("amplitude", radians(5.0)), ("torque", 50.0)) if NEEDED[name] in needed}
-    assert plain == Test(kind, **given)
+    assert read() == Test(kind, **required)
     for name in set(SETTINGS) & set(HAS[kind]):
-        least, most, beyond, suffix = SETTINGS[name]
-        for accepted in (least, most):
-            assert made(f"{name} = '{accepted!r} {suffix}'") == Test(kind, **given, **{name: accepted})
-        for refused in (least - beyond, most + beyond):
+        least, greatest, beyond, suffix = SETTINGS[name]
+        for accepted in (least, greatest):
+            assert read(f"{name} = '{accepted!r} {suffix}'") == Test(kind, **required, **{name: accepted})
+        for refused in (least - beyond, greatest + beyond):
             with pytest.raises(EmcasError, match=name):
-                made(f"{name} = '{refused!r} {suffix}'")
+                read(f"{name} = '{refused!r} {suffix}'")
 
 
-def test_amplitudes_and_limits_of_a_file(tmp_path: Path) -> None:
-    """An amplitude is above zero and up to the command's limit, a torque not zero, a limit above zero."""
+def test_range_of_amplitude_torque_and_limit(tmp_path: Path) -> None:
+    """An amplitude must be above zero and within the command limit, a torque not zero, and a limit above zero."""
     most = ParameterSubject(load_parameters()).command_limit
-    for setting, figure, limit in ((f"kind = 'step', amplitude = '{most!r} rad'", "rise_time", "1 s"),
-                                   ("kind = 'step', amplitude = '1e-6 rad'", "rise_time", "1e-9 s"),
-                                   ("kind = 'load', torque = '-1e-6 N.m'", "ripple", "1 deg")):
-        required(tmp_path, setting, figure, f"maximum = '{limit}'")
-    for setting, figure, limit in ((f"kind = 'step', amplitude = '{most * 1.00001!r} rad'", "rise_time", "1 s"),
-                                   ("kind = 'step', amplitude = '0 rad'", "rise_time", "1 s"),
-                                   ("kind = 'step', amplitude = '1 deg'", "rise_time", "0 s"),
-                                   ("kind = 'load', torque = '0 N.m'", "ripple", "1 deg")):
+    for test, figure, limit in ((f"kind = 'step', amplitude = '{most!r} rad'", "rise_time", "1 s"),
+                                ("kind = 'step', amplitude = '1e-6 rad'", "rise_time", "1e-9 s"),
+                                ("kind = 'load', torque = '-1e-6 N.m'", "ripple", "1 deg")):
+        requirement(tmp_path, test, figure, f"maximum = '{limit}'")
+    for test, figure, limit in ((f"kind = 'step', amplitude = '{most * 1.00001!r} rad'", "rise_time", "1 s"),
+                                ("kind = 'step', amplitude = '0 rad'", "rise_time", "1 s"),
+                                ("kind = 'step', amplitude = '1 deg'", "rise_time", "0 s"),
+                                ("kind = 'load', torque = '0 N.m'", "ripple", "1 deg")):
         with pytest.raises(EmcasError):
-            required(tmp_path, setting, figure, f"maximum = '{limit}'")
+            requirement(tmp_path, test, figure, f"maximum = '{limit}'")
 
 
 @pytest.mark.parametrize(("sense", "side"), [("maximum", 1.0), ("minimum", -1.0)])
-def test_equal_to_a_limit_is_kept(sense: str, side: float, tmp_path: Path) -> None:
-    """Compared in the unit that people read, with nine decimals: rounding of a conversion is not a miss, more is."""
-    r = required(tmp_path, "kind = 'step', amplitude = '5 deg'", "steady_error", f"{sense} = '0.3 deg'")
+def test_value_equal_to_the_limit_meets_it(sense: str, side: float, tmp_path: Path) -> None:
+    """Value and limit are compared in the displayed unit with nine decimals: conversions may round."""
+    r = requirement(tmp_path, "kind = 'step', amplitude = '5 deg'", "steady_error", f"{sense} = '0.3 deg'")
     beyond = np.radians(side * np.array([0.0, 4e-10, 6e-10, 0.1]))
     assert r.kept(radians(0.3) + beyond).tolist() == [True, True, False, False]
     assert r.kept(radians(0.3) - beyond).all()

@@ -1,4 +1,4 @@
-"""Figures as data: what a script draws is what Matplotlib drew."""
+"""The data of a page's charts agree with the plots of Matplotlib."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from emcas_fmu.figures import plots
 from emcas_fmu.figures.curves import curves
 from emcas_fmu.figures.thinning import packed, thinned
 
-# Values are kept to 1/20000 of an axis: a line thinned to that and then rounded is off by no more than one and a half.
+# The resolution is 1/20000 of an axis: thinning changes a line by at most one, rounding by half a resolution.
 FINEST = 1.5 / 20_000.0
 
 
 def unpacked(values: list[Any]) -> np.ndarray[Any, Any]:
-    """Values as the script reads them: decimals, then differences in that place."""
+    """Return values as the script reads them: the number of decimals, then differences in the last decimal."""
     steps = [0 if step is None else step for step in values[1:]]
     read = np.cumsum(steps) * 10.0 ** -values[0]
     return np.where([step is None for step in values[1:]], np.nan, read)
 
 
 @given(st.lists(st.one_of(st.floats(-2.0, 3.0), st.just(float("nan"))), min_size=2, max_size=60))
-def test_a_thinned_line_stays_where_it_was(levels: list[float]) -> None:
+def test_thinned_and_packed_line_agrees_with_the_original(levels: list[float]) -> None:
     y = np.array(levels)
     x = np.linspace(0.0, 1.0, len(y))
     finite = np.isfinite(y)
@@ -37,14 +37,12 @@ def test_a_thinned_line_stays_where_it_was(levels: list[float]) -> None:
     for i in np.flatnonzero(finite):
         right = int(np.searchsorted(kept, i))
         assert right < len(kept)
-        if kept[right] == i:
-            assert abs(up[right] - y[i]) <= FINEST
-        else:
-            drawn = np.interp(x[i], along[right - 1:right + 1], up[right - 1:right + 1])
-            assert abs(drawn - y[i]) <= FINEST
+        level = up[right] if kept[right] == i else np.interp(
+            x[i], along[right - 1:right + 1], up[right - 1:right + 1])
+        assert abs(level - y[i]) <= FINEST
     gaps = np.flatnonzero(~finite)
     inner = [i for i in gaps if np.any(finite[:i]) and np.any(finite[i + 1:])]
-    for i in inner:  # what was apart is not joined
+    for i in inner:  # a gap remains a gap
         before, after = np.flatnonzero(finite[:i])[-1], i + 1 + np.flatnonzero(finite[i + 1:])[0]
         assert any(not finite[k] for k in kept if before < k < after)
 
@@ -54,7 +52,7 @@ def panel(figure: Any) -> dict[str, Any]:
     return dict(made)
 
 
-def test_lines_levels_bands_and_words() -> None:
+def test_data_of_lines_levels_bands_and_texts() -> None:
     with plots.style():
         made, ((axes,),) = plots.figure(1)
         time = np.linspace(0.0, 400.0, 2001)
@@ -67,7 +65,7 @@ def test_lines_levels_bands_and_words() -> None:
         axes.legend()
         made.draw_without_rendering()
         drawn = panel(made)
-        assert "<" not in curves(made)  # it stands in a script element
+        assert "<" not in curves(made)  # it would end the script element
     (line,), (level,), (band,), (word,) = drawn["lines"], drawn["levels"], drawn["bands"], drawn["texts"]
     assert (drawn["x"]["label"], drawn["y"]["label"]) == ("time [ms]", "fin angle [deg]")
     assert (line["name"], level["name"], word["text"]) == ("fin angle", "required", "<half>")
@@ -79,7 +77,7 @@ def test_lines_levels_bands_and_words() -> None:
 
 @pytest.mark.drawn
 @pytest.mark.parametrize("kind", ["bars", "image", "equal"])
-def test_what_has_no_form_as_data_stays_a_picture(kind: str) -> None:
+def test_bars_images_and_equal_axes_remain_pictures(kind: str) -> None:
     with plots.style():
         made, ((axes,),) = plots.figure(1)
         if kind == "bars":
@@ -94,8 +92,8 @@ def test_what_has_no_form_as_data_stays_a_picture(kind: str) -> None:
 
 
 @pytest.mark.drawn
-def test_a_logarithmic_axis_needs_no_fonts_of_formulas(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Matplotlib warns of such fonts where they are not installed."""
+def test_logarithmic_axis_needs_no_formula_fonts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Matplotlib warns if these fonts are not installed."""
     monkeypatch.setattr(MathTextParser, "parse", lambda *_: pytest.fail("a text is a formula"))
     with plots.style():
         drawn, (axes,) = plots.column("y")

@@ -1,4 +1,4 @@
-"""The rows every excitation gives, by hand."""
+"""The rows of every excitation agree with hand calculation."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from emcas_fmu.motions import KINDS, LEAD_IN, LOAD_RISE, MOTIONS, SETTLE
 from emcas_fmu.reference.cases import CASES
 
 
-def test_step_comes_with_its_load() -> None:
+def test_load_rises_after_the_step() -> None:
     step = step_to(0.1, 0.5, load=-40.0)
     assert len(step.time) == 551
     assert step.command[:50].tolist() == [0.0] * 50
     assert step.command[50:].tolist() == [0.1] * 501
     load = step.columns["aero_torque"]
     assert np.all(load[:51] == 0.0)
-    # Half of it in half the rise; time and ratio carry rounding.
+    # The load rises linearly; times and ratio are rounded.
     assert load[60] == pytest.approx(-40.0 * 0.01 / LOAD_RISE, rel=1e-12)
     assert np.all(load[71:] == -40.0)
     assert step.moves == (Move(LEAD_IN, 0.1, step.time[-1]),)
     assert list(step_to(0.1, 0.5).columns) == ["fin_command"]
 
 
-def test_slew_settles_at_its_starting_end() -> None:
+def test_slew_settles_at_its_start() -> None:
     slew = slew_to(0.3, 0.6, load=100.0)
     assert slew.begin == SETTLE
     assert slew.command[0] == 0.0
@@ -49,10 +49,10 @@ def test_slew_settles_at_its_starting_end() -> None:
     assert slew.moves[0].end == slew.moves[1].start == SETTLE
 
 
-def test_sweep_passes_its_frequencies() -> None:
+def test_sweep_has_the_cycles_of_its_frequencies() -> None:
     swept = sweep(1.0, 8.0, 0.5, 30.0)
     cycles = np.cumsum((swept.command[1:] >= 0.0) & (swept.command[:-1] < 0.0))
-    # f = low exp(g t) adds up to (f - low)/g cycles: to the geometric mean at half the time, to the high end later.
+    # f = low exp(g t) gives (f - low)/g cycles. f is the geometric mean at half the time, and `high` at the end.
     growth = np.log(60.0) / 8.0
     assert cycles[round((LEAD_IN + 4.0) * 1e3)] == int((15.0**0.5 - 0.5) / growth)
     assert cycles[-1] == int((30.0 - 0.5) / growth)
@@ -61,30 +61,30 @@ def test_sweep_passes_its_frequencies() -> None:
         sweep(1.0, 8.0, 5.0, 5.0)
 
 
-def test_a_sine_from_rest_is_judged_from_its_beginning() -> None:
+def test_sine_from_rest_is_judged_from_its_beginning() -> None:
     made = sine_from_rest(0.1, 5.0, 0.3)
-    quarter = round(LEAD_IN / made.step) + 50  # rows of 1 ms, of a period of 200 ms
+    quarter = round(LEAD_IN / made.step) + 50  # row of a quarter period: 50 of 200 ms
     assert not made.command[made.time < LEAD_IN].any()
-    assert made.command[quarter] == pytest.approx(0.1, rel=1e-12)  # a few roundings
+    assert made.command[quarter] == pytest.approx(0.1, rel=1e-12)  # rounding
     assert made.begin == LEAD_IN
     assert made.stop == pytest.approx(LEAD_IN + 0.3, rel=1e-12)
 
 
-def test_sines_hold_whole_cycles_to_look_at() -> None:
+def test_judged_part_of_a_sine_is_six_cycles() -> None:
     for frequency, made in ((10.0, sine(0.1, 10.0)), (10.0, sine(0.1, 10.0, variable=LOAD)), (0.5, sine(0.1, 0.5))):
-        looked_at = made.time[made.judged(made.time)]
-        assert looked_at[-1] - looked_at[0] == pytest.approx(6.0 / frequency, abs=1e-9)
-        assert looked_at[0] == pytest.approx(max(4.0 / frequency, 0.5), abs=1e-9)
+        judged = made.time[made.judged(made.time)]
+        assert judged[-1] - judged[0] == pytest.approx(6.0 / frequency, abs=1e-9)
+        assert judged[0] == pytest.approx(max(4.0 / frequency, 0.5), abs=1e-9)
     assert sine(0.1, 10.0).command[0] == 0.0
     assert sine(50.0, 10.0, variable=LOAD).columns["aero_torque"][0] == 50.0
     assert not sine(50.0, 10.0, variable=LOAD).command.any()
     together = sine(0.1, np.array([10.0, 2.0]), np.array([6.0, 3.0]), (1.0, 0.2))
     for row, alone in enumerate((sine(0.1, 10.0, 6.0, (1.0, 0.2)), sine(0.1, 2.0, 3.0, (1.0, 0.2)))):
         np.testing.assert_array_equal(together.command[row][:len(alone.time)], alone.command)
-    assert (together.stop, together.begin) == (alone.stop, alone.begin)  # the longest
+    assert (together.stop, together.begin) == (alone.stop, alone.begin)  # of the longest sine
 
 
-def test_staircase_and_ramp() -> None:
+def test_rows_of_staircase_and_load_ramp() -> None:
     stairs = staircase((0.0, 0.1, -0.1), (0.02, 0.05, 0.03), step=0.01)
     assert stairs.command.tolist() == [0.0] * 2 + [0.1] * 5 + [-0.1] * 4
     assert stairs.begin == pytest.approx(0.07)
@@ -94,7 +94,7 @@ def test_staircase_and_ramp() -> None:
 
 @pytest.mark.parametrize("made", [step_to(0.1, 0.5), slew_to(0.1, 0.5), sweep(0.1, 1.0), sine(0.1, 7.0),
                                   load_ramp(1.0, 0.7), staircase((0.1,), (0.3,), step=0.02)])
-def test_all_columns_have_the_rows_times(made: Excitation) -> None:
+def test_inputs_held_constant_change_no_other_column(made: Excitation) -> None:
     held = made.holding({"enable": False, "aero_torque": 5.0})
     assert all(len(column) == len(made.time) for column in held.columns.values())
     assert held.time.tolist() == made.time.tolist()
@@ -104,7 +104,7 @@ def test_all_columns_have_the_rows_times(made: Excitation) -> None:
     assert made.with_start_values({"a": 1}).start_values == {"a": 1}
 
 
-def test_reference_cases_are_those_of_the_references() -> None:
+def test_reference_cases_equal_the_cases_of_the_references() -> None:
     for case in CASES:
         made, inputs = reference_case(case.name), case.inputs()
         assert {name: column.tolist() for name, column in made.columns.items()} == {
@@ -116,11 +116,11 @@ def test_reference_cases_are_those_of_the_references() -> None:
         reference_case("nonsense")
 
 
-def test_reference_cases_have_the_words_of_the_excitations() -> None:
+def test_kinds_of_reference_cases_are_kinds_of_motions() -> None:
     assert {case.kind for case in CASES} <= {*MOTIONS, "square"}
 
 
-def test_a_load_comes_at_once_on_a_fin_held_at_zero() -> None:
+def test_load_is_a_step_of_torque_on_a_fin_at_zero() -> None:
     load = motion("load", 0.0, 0.3, -40.0)
     assert not load.command.any()
     assert load.columns[LOAD].tolist() == [0.0] * 50 + [-40.0] * 301
@@ -129,12 +129,12 @@ def test_a_load_comes_at_once_on_a_fin_held_at_zero() -> None:
 
 @pytest.mark.parametrize(("kind", "frequencies"), [
     ("leap", {}), ("step", {"frequency": 5.0}), ("sweep", {"hgih": 5.0})])
-def test_an_unknown_kind_or_frequency_is_refused(kind: str, frequencies: dict[str, float]) -> None:
+def test_unknown_kind_or_frequency_is_refused(kind: str, frequencies: dict[str, float]) -> None:
     with pytest.raises(EmcasError, match="sine frequency; sweep low high"):
         motion(kind, 0.1, 0.5, **frequencies)
 
 
-def test_frequencies_have_the_defaults_of_the_table() -> None:
+def test_default_frequencies_are_those_of_the_kind() -> None:
     for kind in ("sine", "sweep"):
         made = motion(kind, 0.1, 0.5)
         np.testing.assert_array_equal(made.command, motion(kind, 0.1, 0.5, **KINDS[kind].defaults).command)

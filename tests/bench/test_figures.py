@@ -1,7 +1,7 @@
-"""What the bench gives, against the numbers that are kept: a changed sign, operator or constant moves one of them.
+"""The bench's results equal the stored numbers: a wrong sign, operator or constant changes at least one of them.
 
-Margins are those of a search to 1e-6; the rest are sums of NumPy and of the linear algebra beneath, which round as the
-processor lets them, to some 1e-13 of what a mark of a column that cancels is the rest of.
+Margins are searched to 1e-6. The other numbers are sums computed by NumPy and BLAS, whose rounding depends on the
+processor: 1e-13 of the largest summand, also where the summands of a mark cancel.
 """
 
 from __future__ import annotations
@@ -14,24 +14,25 @@ import pytest
 
 from . import figures
 
-KEPT = json.loads(figures.FILE.read_text(encoding="utf-8"))
+STORED = json.loads(figures.FILE.read_text(encoding="utf-8"))
 
 
-def check(found: dict[str, list[Any]], kept: dict[str, list[Any]]) -> None:
-    assert list(found) == list(kept)
-    for name, values in found.items():
-        expected = [pytest.approx(x, rel=1e-6, abs=1e-11) if isinstance(x, float) else x for x in kept[name]]
+def check(computed: dict[str, list[Any]], section: str) -> None:
+    stored = STORED[section]
+    assert list(computed) == list(stored)
+    for name, values in computed.items():
+        expected = [pytest.approx(x, rel=1e-6, abs=1e-11) if isinstance(x, float) else x for x in stored[name]]
         assert values == expected, name
 
 
-def test_excitations(tmp_path: Path) -> None:
-    check(figures.excited(tmp_path), KEPT["excitations"])
+def test_excitations_equal_the_stored_marks(tmp_path: Path) -> None:
+    check(figures.excitations(tmp_path), "excitations")
 
 
-def test_figures_of_made_up_columns() -> None:
-    check(figures.measured(), KEPT["figures"])
+def test_figures_of_synthetic_columns_equal_the_stored_marks() -> None:
+    check(figures.synthetic_figures(), "figures")
 
 
 @pytest.mark.parametrize("model", figures.JUDGED)
-def test_every_figure_of_every_test_judged(model: str, tmp_path: Path) -> None:
-    check(figures.judged(model, tmp_path), KEPT[model])
+def test_verdicts_equal_the_stored_verdicts(model: str, tmp_path: Path) -> None:
+    check(figures.verdicts(model, tmp_path), model)

@@ -1,4 +1,4 @@
-"""FMI 3.0's arrays with the calls of FMI 2.0, on a slave that keeps its values in a dictionary."""
+"""Fmi3Slave gives access to the elements of FMI 3.0 arrays by the calls of FMI 2.0."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ DESCRIPTION = SimpleNamespace(modelVariables=[
     variable("enable", "Boolean", 3, start="true"),
     variable("status", "Enumeration", 4, causality="output", start=None),
     variable("clock", "Clock", 5)])
-LISTED = elements(DESCRIPTION, {})
+ELEMENTS = elements(DESCRIPTION, {})
 
 
 class Slave:
-    """Values by reference; keeps the names of the calls."""
+    """An FMI 3.0 slave that stores values by reference and records its calls."""
 
     def __init__(self) -> None:
         self.values: dict[int, list[Any]] = {1: [0.1, 0.2], 2: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 3: [True], 4: [7]}
@@ -52,43 +52,43 @@ class Slave:
         return get if name.startswith("get") else put if name.startswith("set") else other
 
 
-def test_elements_have_their_own_names_and_starts() -> None:
-    assert [(e.name, e.kind, e.start, e.reference, e.index, e.count) for e in LISTED] == [
+def test_elements_have_names_and_start_values() -> None:
+    assert [(e.name, e.kind, e.start, e.reference, e.index, e.count) for e in ELEMENTS] == [
         ("fin[1].command", "Real", "0.1", 1, 0, 2), ("fin[2].command", "Real", "0.2", 1, 1, 2),
         *((f"fin[{fin}].table[{k}]", "Real", str(3 * (fin - 1) + k + 1), 2, 3 * (fin - 1) + k, 6)
           for fin in (1, 2) for k in range(3)),
         ("enable", "Boolean", "true", 3, 0, 1), ("status", "Integer", None, 4, 0, 1)]
-    assert [e.in_files for e in LISTED[1:3]] == ["fins.command[1]", "fins.table[0]"]
-    assert LISTED[-2].in_files == "enable"
+    assert [e.in_files for e in ELEMENTS[1:3]] == ["fins.command[1]", "fins.table[0]"]
+    assert ELEMENTS[-2].in_files == "enable"
 
 
-def test_flat_names_are_structured_first() -> None:
+def test_flat_names_are_converted_to_structured_names() -> None:
     (first, _, *_) = elements(SimpleNamespace(modelVariables=[variable("fins_command", "Float64", 1, 2, start="1 2")]),
                               {"fins_command": "fins.command"})
     assert (first.name, first.array) == ("fin[1].command", "fins_command")
 
 
-def test_values_of_elements_are_read_array_by_array() -> None:
+def test_each_array_is_read_once() -> None:
     inner = Slave()
-    slave = Fmi3Slave(inner, LISTED)
+    slave = Fmi3Slave(inner, ELEMENTS)
     assert slave.getReal([1, 0, 7, 2]) == [0.2, 0.1, 6.0, 1.0]
     assert inner.calls == ["getFloat64", "getFloat64"]  # two arrays, once each
     assert slave.getInteger([9]) == [7]
     assert inner.calls[-1] == "getInt64"
 
 
-def test_an_element_is_written_and_the_others_of_its_array_stay() -> None:
+def test_writing_an_element_keeps_the_others_of_its_array() -> None:
     inner = Slave()
-    slave = Fmi3Slave(inner, LISTED)
+    slave = Fmi3Slave(inner, ELEMENTS)
     slave.setReal([1, 4], [0.5, 30.0])
     slave.setBoolean([8], [False])
     assert inner.values == {1: [0.1, 0.5], 2: [1.0, 2.0, 30.0, 4.0, 5.0, 6.0], 3: [False], 4: [7]}
 
 
-def test_calls_of_fmi_2_are_those_of_fmi_3() -> None:
+def test_calls_are_passed_on_except_setup_experiment() -> None:
     inner = Slave()
-    slave = Fmi3Slave(inner, LISTED)
-    slave.setupExperiment()  # which FMI 3.0 does not have
+    slave = Fmi3Slave(inner, ELEMENTS)
+    slave.setupExperiment()  # FMI 3.0 does not have it
     slave.enterInitializationMode()
     slave.doStep(2.5, 1e-3)
     slave.terminate()

@@ -1,4 +1,4 @@
-"""The loops of a linearised actuator: against the circuit's closed form, and against each other."""
+"""The loops of a linearised actuator agree with the circuit's closed form and with each other."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ HERTZ = np.array([0.3, 3.0, 30.0, 120.0])
 
 @pytest.fixture(scope="module")
 def linear(values: Values) -> LinearActuator:
-    """A setpoint weight of 1, so that command and measured angle act alike."""
+    """The default actuator with setpoint weight 1: command and measured angle act alike."""
     return LinearActuator({**values, "controller.position.setpoint_weight": 1.0})
 
 
-def test_the_current_loop_is_that_of_winding_and_rotor(values: Values, linear: LinearActuator) -> None:
-    """L = (k_p + k_i/s) (J s + b)/((L s + R) (J s + b) + K_t K_e), with inertia and friction at the motor."""
+def test_current_loop_is_the_closed_form_of_winding_and_rotor(values: Values, linear: LinearActuator) -> None:
+    """Open loop (k_p + k_i/s) (J s + b)/((L s + R) (J s + b) + K_t K_e), with inertia and friction at the motor."""
     s = 2j * pi * HERTZ
     ratio, lead = linear.point.ratio, values["screw.lead"]
     inertia = (values["inertia.motor"] + values["inertia.screw"] + values["mass.nut"] * lead**2
@@ -37,20 +37,20 @@ def test_the_current_loop_is_that_of_winding_and_rotor(values: Values, linear: L
     np.testing.assert_allclose(evaluate(linear.loop("current"), HERTZ), expected, rtol=1e-9)  # rounding
 
 
-def test_the_position_loop_closes_to_the_command_response(linear: LinearActuator) -> None:
-    """L/(1 + L) from command to measured angle; the measured angle is the fin's of the sample, exact up to rounding."""
+def test_command_response_is_the_closed_position_loop(linear: LinearActuator) -> None:
+    """The measured angle is the fin angle at the sample: L/(1 + L) is exact up to rounding."""
     loop = evaluate(linear.loop("position"), HERTZ)
     np.testing.assert_allclose(evaluate(linear.command_to_angle, HERTZ), loop / (1.0 + loop), rtol=1e-8)
 
 
-def test_the_inner_loops_are_in_the_outer_one(linear: LinearActuator) -> None:
-    """All feedback passes the reference: 1 + L of it is 1 + L of the velocity loop times 1 + L of the position loop."""
+def test_reference_loop_contains_velocity_and_position_loop(linear: LinearActuator) -> None:
+    """All feedback passes through the reference: its 1 + L is the product of 1 + L of both loops."""
     reference, velocity, position = (1.0 + evaluate(linear.loop(name), HERTZ)
                                      for name in ("reference", "velocity", "position"))
     np.testing.assert_allclose(reference, velocity * position, rtol=1e-8)
 
 
-def test_the_loops_do_not_depend_on_the_setpoint_weight(values: Values, linear: LinearActuator) -> None:
+def test_loops_do_not_depend_on_the_setpoint_weight(values: Values, linear: LinearActuator) -> None:
     other = LinearActuator({**values, "controller.position.setpoint_weight": 0.5})
     for name in ("current", "velocity", "position", "reference"):
         np.testing.assert_allclose(evaluate(other.loop(name), HERTZ), evaluate(linear.loop(name), HERTZ), rtol=1e-9)
@@ -58,25 +58,25 @@ def test_the_loops_do_not_depend_on_the_setpoint_weight(values: Values, linear: 
 
 
 @pytest.mark.parametrize("loop", ["velocity", "position"])
-def test_a_trajectory_generator_is_in_no_loop(values: Values, linear: LinearActuator, loop: str) -> None:
-    base = load_parameters("two-degrees-of-freedom")
-    generated = base.with_values({name: values[name] for name in values if name.startswith("controller.")})
-    generated = generated.with_values({"filters.speed_bandwidth": 0.0, "filters.notch_frequency": 0.0})
-    assert generated.values["trajectory.natural_frequency"] > 0.0
-    other = LinearActuator(generated.values, model=generated.model)
-    # Within the rounding of two solutions at rest.
+def test_trajectory_generator_changes_no_loop(values: Values, linear: LinearActuator, loop: str) -> None:
+    gains = {name: values[name] for name in values if name.startswith("controller.")}
+    filters = {"filters.speed_bandwidth": 0.0, "filters.notch_frequency": 0.0}
+    generator = load_parameters("two-degrees-of-freedom").with_values({**gains, **filters})
+    assert generator.values["trajectory.natural_frequency"] > 0.0
+    other = LinearActuator(generator.values, model=generator.model)
+    # The two equilibria are solved separately and differ by rounding.
     assert evaluate(other.loop(loop), HERTZ) == pytest.approx(evaluate(linear.loop(loop), HERTZ), rel=1e-6)
 
 
-def test_the_integral_acts_behind_a_trajectory_generator() -> None:
-    """At any rest: |L| of 0.1 Hz differs by the lever's ratio, within 10 %, and not by an integral that is held."""
+def test_integral_acts_behind_a_trajectory_generator() -> None:
+    """|L| at 0.1 Hz depends on the fin angle only by the lever's ratio, within 10 %: the integral is frozen at none."""
     base = load_parameters("two-degrees-of-freedom")
     gains = [abs(evaluate(LinearActuator(base.values, angle, model=base.model).loop("reference"), np.array([0.1]))[0])
              for angle in (0.0, 0.05, 0.1)]
     assert gains == pytest.approx([gains[0]] * 3, rel=0.1)
 
 
-def test_latency_only_delays_the_response_to_the_command(values: Values, linear: LinearActuator) -> None:
+def test_latency_delays_only_the_response_to_the_command(values: Values, linear: LinearActuator) -> None:
     late = LinearActuator({**linear.values, "command.latency": 3e-3})
     delay = np.exp(-2j * pi * HERTZ * 3.0 * linear.period)
     assert late.period == values["controller.sample_time"]
@@ -87,15 +87,15 @@ def test_latency_only_delays_the_response_to_the_command(values: Values, linear:
                                rtol=1e-8)
 
 
-def test_the_final_values_are_those_of_integral_action(linear: LinearActuator) -> None:
-    lowest = np.array([1e-4])  # Hz: far below the integral's 1/s
+def test_integral_action_removes_steady_errors(linear: LinearActuator) -> None:
+    lowest = np.array([1e-4])  # Hz, far below the frequency of the integral action
     assert np.abs(evaluate(linear.command_to_angle, lowest)) == pytest.approx(1.0, abs=1e-4)
     assert np.abs(evaluate(linear.load_to_angle, lowest)) < 1e-6  # rad/(N.m)
     assert linear.stable
 
 
-def test_the_rational_approximation_is_that_at_low_frequencies(linear: LinearActuator) -> None:
-    """The lag of the measured speed, half a sample, is not in it: it was measured as 0.3 % at 3 Hz and falls below."""
+def test_rational_approximation_is_accurate_at_low_frequencies(linear: LinearActuator) -> None:
+    """It lacks the half-sample lag of the measured speed. The difference is 0.3 % at 3 Hz, and smaller below."""
     slow = np.array([0.3, 1.0, 3.0])
     rational, exact = (evaluate(made[:, 0], slow) for made in (linear.rational(), linear.closed))
     np.testing.assert_allclose(rational, exact, rtol=0.005)

@@ -1,4 +1,4 @@
-"""One subject, three ways to run it: the kernel, a Python FMU, a native FMU give the same bits."""
+"""Kernel, Python FMU and native FMU give the same bits, one run at a time or many."""
 
 from __future__ import annotations
 
@@ -30,10 +30,9 @@ Subjects = Mapping[str, Subject]
 
 @pytest.fixture(scope="module")
 def subjects(units: Mapping[str, Path]) -> Iterator[Subjects]:
-    """The shipped parameters, run in every way."""
+    """The default actuator as kernel, Python FMU and native FMU."""
     with ExitStack() as stack:
-        yield {name: stack.enter_context(open_subject(path)) for name, path in
-               {"kernel": None, **units}.items()}
+        yield {name: stack.enter_context(open_subject(path)) for name, path in {"kernel": None, **units}.items()}
 
 
 SPRING = replace(step_to(0.2, 0.1), spring=300.0)
@@ -44,7 +43,7 @@ SPRING = replace(step_to(0.2, 0.1), spring=300.0)
     (step_to(0.2, 0.1), {"encoder.enabled": False, "encoder.pulses": 2000}, 5), (SPRING, {"fin.start_angle": 0.02}, 5),
     (step_to(0.1, 0.1), {"drive.supply_voltage": 31.0}, 1)],
     ids=["case", "parameter", "substeps", "spring", "supply"])
-def test_every_way_gives_the_same_bits(subjects: Subjects, excitation: Excitation, changes: dict[str, Any],
+def test_kernel_and_fmus_give_the_same_bits(subjects: Subjects, excitation: Excitation, changes: dict[str, Any],
                                        substeps: int) -> None:
     runs = {name: subject.run(excitation, changes, substeps=substeps, fine=("supply_power", "at_stop"))
             for name, subject in subjects.items()}
@@ -60,21 +59,20 @@ def test_every_way_gives_the_same_bits(subjects: Subjects, excitation: Excitatio
 
 
 class OneByOne(ParameterSubject):
-    """The kernel, run as an FMU is."""
+    """The kernel, which computes many runs one after another as an FMU does."""
 
     run_all = Subject.run_all
 
-    def run(self, *given: Any) -> Run:
-        """The run of a subject that knows nothing else."""
-        return ParameterSubject(self.parameters).run(*given)
+    def run(self, *arguments: Any) -> Run:
+        return ParameterSubject(self.parameters).run(*arguments)
 
 
 @pytest.mark.parametrize("spring", [0.0, np.array([300.0, 0.0, 100.0, 0.0])], ids=["", "springs"])
-def test_many_runs_are_the_runs_alone(spring: Any) -> None:
-    """Whatever fails; one may be refused, another stop on its way."""
-    one = step_to(0.2, 0.1)
-    load = np.outer([0.0, 10.0, 0.0, 1e300], one.time > one.time[-30])
-    excitation = replace(one, columns={"fin_command": one.command, "aero_torque": load}, spring=spring)
+def test_many_runs_together_equal_single_runs(spring: Any) -> None:
+    """Also if one run is refused and another ends early."""
+    step = step_to(0.2, 0.1)
+    load = np.outer([0.0, 10.0, 0.0, 1e300], step.time > step.time[-30])
+    excitation = replace(step, columns={"fin_command": step.command, "aero_torque": load}, spring=spring)
     changes = {"controller.position.kp": np.array([40.0, 50.0, -1.0, 60.0]),
                "encoder.pulses": np.array([500, 2000, 500, 2000]),
                "drive.supply_voltage": np.array([31.0, 39.0, 39.0, 39.0])}
@@ -82,23 +80,23 @@ def test_many_runs_are_the_runs_alone(spring: Any) -> None:
     for subject in (ParameterSubject(load_parameters()), OneByOne(load_parameters())):
         runs = subject.run_all(excitation, changes, *recorded)
         assert (len(runs), list(runs.refused), list(runs.stopped)) == (4, [2], [3])
-        for place in range(4):
-            of_run = {name: values[place].item() for name, values in changes.items()}
-            alone = partial(subject.run, excitation.of(place), of_run, *recorded)
-            if place == 2:
-                for refused in (alone, partial(runs.__getitem__, place)):
+        for index in range(4):
+            changes_of_run = {name: values[index].item() for name, values in changes.items()}
+            alone = partial(subject.run, excitation.of(index), changes_of_run, *recorded)
+            if index == 2:
+                for refused in (alone, partial(runs.__getitem__, index)):
                     with pytest.raises(ParameterError, match=r"controller\.position\.kp = -1 "):
                         refused()
                 continue
-            expected, run = alone(), runs[place]
+            expected, run = alone(), runs[index]
             assert (run.stopped, run.messages) == (expected.stopped, expected.messages)
-            if place == 3:  # the last row before that load has acted, but for rounding
-                assert run.stopped == pytest.approx(one.time[-29], abs=1e-12)
+            if index == 3:  # the first row with the huge load: the row's time is exact up to rounding
+                assert run.stopped == pytest.approx(step.time[-29], abs=1e-12)
             for name, column in expected.columns.items():
                 np.testing.assert_array_equal(run.columns[name], column, err_msg=name)
 
 
-def test_a_run_leaves_nothing_to_the_next(subjects: Subjects) -> None:
+def test_run_does_not_change_the_next_run(subjects: Subjects) -> None:
     for subject in subjects.values():
         first = subject.run(step_to(0.1, 0.1), outputs=["fin_angle"])
         subject.run(SPRING, {"controller.position.kp": 40.0})
@@ -107,24 +105,25 @@ def test_a_run_leaves_nothing_to_the_next(subjects: Subjects) -> None:
         np.testing.assert_array_equal(first.columns["fin_angle"], again.columns["fin_angle"])
 
 
-def test_substeps_show_what_is_between_rows() -> None:
+def test_substeps_record_points_between_rows() -> None:
     subject = ParameterSubject(load_parameters())
     coarse, fine, every = (subject.run(step_to(0.2, 0.1, step=step), substeps=n, fine=["fin_angle"]).columns
                            for step, n in ((1e-3, 1), (1e-3, 5), (2e-4, 1)))
     assert len(fine["fin_rate"]) == len(fine["time"]) == len(coarse["time"])
-    # A step's end is met to a rounding of its time only, which moves an angle of 0.2 rad by less than 1e-12.
+    # The end of a step is reached up to rounding of the time, which changes an angle of 0.2 rad by less than 1e-12.
     np.testing.assert_allclose(fine["fin_angle"][::5], coarse["fin_angle"], atol=1e-12)
     np.testing.assert_allclose(fine["fin_angle"], every["fin_angle"], atol=1e-12)
 
 
-def test_spring_is_a_moment_by_the_angle(subjects: Subjects) -> None:
+def test_spring_is_a_hinge_torque_proportional_to_the_angle(subjects: Subjects) -> None:
     run = subjects["kernel"].run(SPRING)
-    told = Excitation("told", {"fin_command": SPRING.command, "aero_torque": -SPRING.spring * run.columns["fin_angle"]})
-    np.testing.assert_array_equal(subjects["native"].run(told).columns["fin_angle"], run.columns["fin_angle"])
+    torque = -SPRING.spring * run.columns["fin_angle"]
+    excitation = Excitation("torque", {"fin_command": SPRING.command, "aero_torque": torque})
+    np.testing.assert_array_equal(subjects["native"].run(excitation).columns["fin_angle"], run.columns["fin_angle"])
 
 
-def test_an_actuator_that_nothing_homes_knows_its_angle() -> None:
-    """Otherwise it would follow no command; an excitation with `home` begins with the search."""
+def test_actuator_is_homed_unless_the_excitation_homes_it() -> None:
+    """An actuator that is not homed follows no command. An excitation with `home` begins with the search."""
     step = step_to(0.02, 0.1)
     plain, homing = (ParameterSubject(load_parameters(model=model)) for model in ("nonlinear", "nonlinear+homing"))
     np.testing.assert_array_equal(homing.run(step).columns["fin_angle"], plain.run(step).columns["fin_angle"])
@@ -133,28 +132,28 @@ def test_an_actuator_that_nothing_homes_knows_its_angle() -> None:
     assert not np.any(searching.columns["homed"])
     assert np.ptp(searching.columns["fin_angle"]) > 0.0
     assert not np.any(homing.run(step, {"homing.required": True}).columns["fin_angle"])
-    # A variant that says so changes no other one.
+    # A variant with homing required changes no other variant.
     variants = [{}, *({"homing.required": required} for required in (False, True))]
-    held = measure(Test("step", 0.02, 0.3), homing, variants, ("held_angle",), ("minimum",))[:, 0]
-    assert held[0] == held[1] == pytest.approx(0.02, abs=1e-3)
-    assert held[2] == 0.0
+    angles = measure(Test("step", 0.02, 0.3), homing, variants, ("held_angle",), ("minimum",))[:, 0]
+    assert angles[0] == angles[1] == pytest.approx(0.02, abs=1e-3)
+    assert angles[2] == 0.0
 
 
-def test_what_a_subject_has_not_is_named(subjects: Subjects) -> None:
+def test_error_names_the_variables_that_a_subject_lacks(subjects: Subjects) -> None:
     for subject in subjects.values():
         with pytest.raises(EmcasError, match=r"this actuator has no steam, valve\.gain"):
             subject.run(Excitation("t", {"steam": np.zeros(10)}), {"valve.gain": 1.0})
         with pytest.raises(ParameterError, match=r"controller\.position\.kp"):
             subject.run(step_to(0.1, 0.1), {"controller.position.kp": -1.0})
         assert subject.lacking(("fin_angle", "pressure")) == "this actuator has no pressure"
-    bare = Play(there=FIN_PORT)
+    bare = Play(outputs=FIN_PORT)
     assert bare.lacking(("fin_angle",)) == ""
     assert bare.lacking(("motor_current",)) == "this actuator has no motor_current"
     assert bare.obstacle(step_to(0.1, 0.1)) == ""
     assert "valve.gain" in bare.obstacle(step_to(0.1, 0.1).with_start_values({"valve.gain": 1.0}))
 
 
-def test_an_fmu_for_model_exchange_only_is_refused(tmp_path: Path) -> None:
+def test_fmu_for_model_exchange_only_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "exchange.fmu"
     with ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", (

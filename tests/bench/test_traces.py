@@ -1,4 +1,4 @@
-"""Outputs over time in panels: points, windows, units, shading; frequency responses with their marks."""
+"""Plots of outputs over time (points, windows, units, shading), and of frequency responses."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ COLUMNS = {"time": TIME, "fin_angle": np.radians(TIME), "fin_command": np.radian
 
 
 def points(line: Line2D) -> tuple[Any, Any]:
-    """Return the coordinates of a line's points."""
     x, y = (np.asarray(values, dtype=float) for values in line.get_data())
     return x, y
 
@@ -31,7 +30,7 @@ def panel(name: str) -> Axes:
 
 @pytest.mark.parametrize(("name", "label", "last"), [
     ("fin_angle", "fin angle [deg]", 1.0), ("motor_current", "current [A]", 2.0), ("error", "error [mdeg]", 1.0)])
-def test_a_variable_is_in_the_unit_of_its_panel(name: str, label: str, last: float) -> None:
+def test_variable_is_plotted_in_the_unit_of_its_panel(name: str, label: str, last: float) -> None:
     axes = panel(name)
     traces.trace(axes, COLUMNS, name, label="fin")
     assert axes.get_ylabel() == label
@@ -40,29 +39,29 @@ def test_a_variable_is_in_the_unit_of_its_panel(name: str, label: str, last: flo
     assert (x[-1], y[-1], line.get_label()) == (pytest.approx(1.0), pytest.approx(last), "fin")
 
 
-def test_a_window_has_its_ends_and_every_nth_point() -> None:
+def test_window_includes_both_ends_and_every_nth_point() -> None:
     axes = panel("fin_angle")
-    # 0.3 as a product of the step is 0.30000000000000004, which is inside.
+    # The row at 3 * 0.1 = 0.30000000000000004 s is inside.
     traces.trace(axes, COLUMNS, "fin_angle", (0.1, 0.3))
     traces.trace(axes, COLUMNS, "fin_angle", (0.2, 1.0), zero=0.2, unit=1e3, every=4)
     assert [points(line)[0] for line in axes.lines] == [
         pytest.approx([0.1, 0.2, 0.3]), pytest.approx([0.0, 400.0, 800.0])]
 
 
-def test_a_command_is_in_steps() -> None:
+def test_command_is_plotted_in_steps() -> None:
     axes = panel("fin_angle")
     traces.trace(axes, COLUMNS, "fin_command", linewidth=0.5)
     (line,) = axes.lines
     assert (line.get_drawstyle(), line.get_label(), line.get_linewidth()) == ("steps-post", "command", 0.5)
 
 
-def test_a_long_trace_is_thinned() -> None:
+def test_long_trace_is_thinned() -> None:
     axes, time = panel("fin_angle"), np.arange(20_001) * 1e-3
     traces.trace(axes, {"time": time, "fin_angle": time}, "fin_angle")
     assert 6000 <= len(points(axes.lines[0])[0]) <= 7000
 
 
-def test_flags_shade_their_times() -> None:
+def test_times_with_a_flag_are_shaded() -> None:
     axes = panel("fin_angle")
     traces.shade(axes, COLUMNS, "saturated", (0.0, 0.8), "a limit is active")
     (area,) = axes.collections
@@ -70,7 +69,7 @@ def test_flags_shade_their_times() -> None:
     assert (across.min(), across.max()) == (pytest.approx(0.5), pytest.approx(0.8))
 
 
-def test_frequency_responses_have_marks_and_required_lines() -> None:
+def test_frequency_response_marks_bandwidth_and_required_frequency() -> None:
     frequency = np.geomspace(0.5, 24.0, 50)
     response = FrequencyResponse(frequency, 1.0 / np.hypot(1.0, frequency / 10.0), -np.arctan(frequency / 10.0),
                                  np.ones(50))

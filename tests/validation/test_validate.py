@@ -546,7 +546,7 @@ def test_comparison_with_the_linear_model_is_left_out_with_a_slow_bus() -> None:
 @pytest.mark.slow
 @pytest.mark.drawn
 def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
-    found = validate(Play(half=1e-6, there=FIN_PORT))
+    found = validate(Play(half_width=1e-6, outputs=FIN_PORT))
     assert list(next(iter(found.cases.values())).errors) == ["fin_angle", "fin_rate"]
     # A small play follows at once: it is very accurate, but its trajectories are not those of the nonlinear actuator.
     assert {j.name for j in found.judged if j.passed} >= {"range", "accuracy_20deg", "unloaded_rate", "loaded_rate"}
