@@ -1,4 +1,4 @@
-"""A small campaign, and Dask workers to share."""
+"""Fixtures of the campaign tests: a small campaign, its folder, and Dask workers."""
 
 from __future__ import annotations
 
@@ -69,66 +69,63 @@ ODD = ("true", "3", "-0.5", "inf", '"x"', "[]", "[1]", "{}", "{ a = 1 }", "[{ a 
 
 
 def replaced(text: str, odd: str) -> Iterator[str]:
-    """A file with something odd in the place of one value after the other, and of one table after the other."""
-    for place in re.finditer(r"(?<== ).*$", text, re.MULTILINE):
-        yield text[:place.start()] + odd + text[place.end():]
+    """Yield a TOML text with each value in turn, then each table in turn, replaced by an odd value."""
+    for value in re.finditer(r"(?<== ).*$", text, re.MULTILINE):
+        yield text[:value.start()] + odd + text[value.end():]
     for name in dict.fromkeys(re.findall(r"^\[+(\w+)", text, re.MULTILINE)):
         yield f"{name} = {odd}\n" + re.sub(rf"^\[+{name}\b[^\[]*", "", text, flags=re.MULTILINE)
 
 
 def campaign(*arguments: object) -> Result:
-    """What `emcas campaign` does with these arguments."""
+    """Run `emcas campaign` with these arguments."""
     return CliRunner().invoke(app, ["campaign", *map(str, arguments)])
 
 
-def native_unit(model: str, folder: Path, **more: Any) -> Path:
-    """The native FMU of an actuator, for this platform, under a file name that says nothing."""
+def native_fmu(model: str, folder: Path, **more: Any) -> Path:
+    """Build the native FMU of an actuator for this platform. The file name does not name the model."""
     return lean(load_parameters(model=model), folder / "unit.fmu", **more)
 
 
 def rows_of(study: Study, indices: Sequence[int], drawn: Any) -> list[dict[str, Any]]:
-    """The rows of samples, one by one."""
+    """Return the rows of samples as a list."""
     return sample.listed(sample.rows(study, indices, drawn))
 
 
-def row_of(plan: Study, index: int, drawn: Sequence[float], subject: Subject) -> dict[str, Any]:
-    """The row of a sample alone."""
-    (row,) = sample.listed(sample.together(plan, [index], np.array([drawn]), subject))
+def row_of(study: Study, index: int, drawn: Sequence[float], subject: Subject) -> dict[str, Any]:
+    """Return the row of one sample."""
+    (row,) = sample.listed(sample.together(study, [index], np.array([drawn]), subject))
     return row
 
 
-def assert_same_rows(by_unit: Study, by_kernel: Study, drawn: Any) -> None:
-    """Figures divide by rates and heights no smaller than 1e-3; trajectories are within 1e-9 rad."""
-    indices = range(len(drawn))
-    pairs = zip(*(rows_of(study, indices, np.array(drawn)) for study in (by_unit, by_kernel)),
-                strict=True)
-    for one, other in pairs:
-        assert one["status"] == "ok"
-        exact = [name for name in one if not isinstance(one[name], float)]
-        assert {name: one.pop(name) for name in exact} == {name: other.pop(name) for name in exact}
-        assert one == pytest.approx(other, rel=1e-6, abs=1e-9, nan_ok=True)
+def assert_same_rows(by_fmu: Study, by_kernel: Study, drawn: Any) -> None:
+    """Compare rows: trajectories agree within 1e-9 rad, and figures divide them by 1e-3 or more."""
+    for row, expected in zip(*(rows_of(study, range(len(drawn)), np.array(drawn)) for study in (by_fmu, by_kernel)),
+                             strict=True):
+        assert row["status"] == "ok"
+        exact = [name for name in row if not isinstance(row[name], float)]
+        assert {name: row.pop(name) for name in exact} == {name: expected.pop(name) for name in exact}
+        assert row == pytest.approx(expected, rel=1e-6, abs=1e-9, nan_ok=True)
 
 
 @pytest.fixture
 def write(tmp_path: Path) -> Write:
-    """Writes a campaign file."""
-    def written(text: str) -> Path:
+    """Function that writes a campaign file and returns its path."""
+    def write_file(text: str) -> Path:
         path = tmp_path / "small.toml"
         path.write_text(text, encoding="utf-8")
         return path
 
-    return written
+    return write_file
 
 
 @pytest.fixture
 def small(write: Write) -> Study:
-    """The small campaign."""
     return load_study(write(SMALL))
 
 
 @pytest.fixture
 def store(small: Study, tmp_path: Path) -> Iterator[Store]:
-    """A folder for its results."""
+    """The result folder of the small campaign."""
     with Store(tmp_path / "out", small) as opened:
         yield opened
 
@@ -136,5 +133,5 @@ def store(small: Study, tmp_path: Path) -> Iterator[Store]:
 @pytest.fixture(scope="module")
 def client() -> Iterator[Any]:
     """A Dask client with two worker processes."""
-    with local_client(2) as ready:
-        yield ready
+    with local_client(2) as connected:
+        yield connected

@@ -1,4 +1,4 @@
-"""Campaigns over a user's own actuator and over one without motor and supply: by the kernel, an FMU, and workers."""
+"""Campaigns of a user's actuator, and of an actuator without motor and supply, by kernel, FMU and Dask workers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from emcas_fmu.studies.campaign.run import by_dask, in_process
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import load_study
 
-from .conftest import A_STEP, Write, assert_same_rows, campaign, native_unit, rows_of
+from .conftest import A_STEP, Write, assert_same_rows, campaign, native_fmu, rows_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_actuator"
 DIRECT = A_STEP + """
@@ -67,41 +67,40 @@ POWERED = ("power_peak", "power_rms", "energy", "peak_current", "rms_current")
 
 @pytest.fixture
 def direct(write: Write, tmp_path: Path) -> Path:
-    """A campaign beside the user's files it is over, which it names as seen from itself."""
+    """A campaign file that names the user's actuator by a path relative to itself."""
     shutil.copy(EXAMPLE / "direct_drive.py", tmp_path)
     return write(DIRECT)
 
 
-def same_rows(file: Path, fmu: Path) -> None:
-    by_kernel, by_unit = load_study(file), load_study(file, fmu)
-    assert by_unit.guid == by_kernel.guid
-    assert_same_rows(by_unit, by_kernel, by_kernel.draw([0, 1]))
+def assert_fmu_gives_kernel_rows(file: Path, fmu: Path) -> None:
+    by_kernel, by_fmu = load_study(file), load_study(file, fmu)
+    assert by_fmu.guid == by_kernel.guid
+    assert_same_rows(by_fmu, by_kernel, by_kernel.draw([0, 1]))
 
 
-def test_a_users_actuator_varies_by_spring_and_load(direct: Path) -> None:
-    """A stiffer spring costs energy; the actuator runs with the values drawn for a sample."""
+def test_users_actuator_runs_with_the_drawn_stiffness_and_load(direct: Path) -> None:
+    """A stiffer spring needs more energy. The peak current equals that of a direct simulation."""
     study = load_study(direct)
-    plan, values = study, study.base
-    assert {name for name in sample.columns(plan) if name.startswith("pulled.")} == {
+    assert {name for name in sample.columns(study) if name.startswith("pulled.")} == {
         f"pulled.{name}" for name in (*POWERED, "peak_rate", "tracking_error_peak", "tracking_error_rms",
                                       "saturated_share", "at_stop_share")}
-    soft, stiff, loaded = rows_of(plan, [0, 1, 2], np.array([[10.0, 0.0], [30.0, 0.0], [10.0, -4.0]]))
+    soft, stiff, loaded = rows_of(study, [0, 1, 2], np.array([[10.0, 0.0], [30.0, 0.0], [10.0, -4.0]]))
     assert {row["status"] for row in (soft, stiff, loaded)} == {"ok"}
     assert stiff["step.energy"] > soft["step.energy"]
-    assert not any(isnan(row[name]) for row in (soft, stiff, loaded) for name in sample.columns(plan))
-    held = ParameterSubject(load_parameters(model=plan.model)).run(
-        excitation(plan.experiments[0], values, {**plan.numbers, "inputs.aero_torque.value": -4.0}, plan.model),
+    assert not any(isnan(row[name]) for row in (soft, stiff, loaded) for name in sample.columns(study))
+    columns = ParameterSubject(load_parameters(model=study.model)).run(
+        excitation(study.experiments[0], study.base, {**study.numbers, "inputs.aero_torque.value": -4.0}, study.model),
         {"spring.stiffness": 10.0}).columns
     assert loaded["step.peak_current"] == pytest.approx(
-        np.abs(held["motor_current"][round(LEAD_IN / STEP):]).max(), rel=1e-6)
+        np.abs(columns["motor_current"][round(LEAD_IN / STEP):]).max(), rel=1e-6)
 
 
-def test_power_of_one_without_delay_leaps_at_its_samples(direct: Path) -> None:
-    """Against rows of 20 us, whose own error is about a third of the 1.2 % asked for."""
-    plan = load_study(direct)
-    (row,) = rows_of(plan, [0], np.array([[20.0, 0.0]]))
-    made = excitation(plan.experiments[0], plan.base, {**plan.numbers, "inputs.aero_torque.value": 0.0}, plan.model)
-    fine = sample.subject_of(plan).run(made, {"spring.stiffness": 20.0}, substeps=50, fine=[experiments.POWER]).columns
+def test_energy_of_an_actuator_without_delay_agrees_with_finer_rows(direct: Path) -> None:
+    """The rows of 20 us are themselves off by about a third of the tolerance of 1.2 %."""
+    study = load_study(direct)
+    (row,) = rows_of(study, [0], np.array([[20.0, 0.0]]))
+    made = excitation(study.experiments[0], study.base, {**study.numbers, "inputs.aero_torque.value": 0.0}, study.model)
+    fine = sample.subject_of(study).run(made, {"spring.stiffness": 20.0}, substeps=50, fine=[experiments.POWER]).columns
     power = fine[experiments.POWER][round(LEAD_IN / STEP) * 50:]
     assert row["step.energy"] == pytest.approx(np.trapezoid(power, dx=STEP / 50), rel=0.012)
     assert row["step.power_rms"] == pytest.approx(np.sqrt(np.mean(power**2)), rel=0.012)
@@ -116,11 +115,11 @@ def test_workers_import_a_users_file(direct: Path, tmp_path: Path, client: Any) 
         assert repr(there.table().to_pylist()) == repr(here.table().to_pylist())
 
 
-def test_a_users_file_that_changed_is_another_campaign(direct: Path, tmp_path: Path) -> None:
+def test_changed_users_file_is_another_campaign(direct: Path, tmp_path: Path) -> None:
     study = load_study(direct)
     Store(tmp_path / "out", study).close()
-    declared = tmp_path / "direct_drive.py"
-    declared.write_text(declared.read_text(encoding="utf-8") + "# changed\n", encoding="utf-8")
+    declaration = tmp_path / "direct_drive.py"
+    declaration.write_text(declaration.read_text(encoding="utf-8") + "# changed\n", encoding="utf-8")
     with pytest.raises(CampaignError, match="model_sha256"):
         Store(tmp_path / "out", load_study(direct))
     sample._opened.cache_clear()
@@ -129,10 +128,10 @@ def test_a_users_file_that_changed_is_another_campaign(direct: Path, tmp_path: P
 
 
 @pytest.mark.slow
-def test_a_command_line_takes_a_users_file(direct: Path, write: Write, tmp_path: Path) -> None:
+def test_command_runs_a_users_file(direct: Path, write: Write, tmp_path: Path) -> None:
     file = write(DIRECT.replace('[base]\nmodel = "direct_drive.py"\n', ""))
-    done = campaign(file, "--output", tmp_path / "out", "--workers", 0, "--model", tmp_path / "direct_drive.py")
-    assert done.exit_code == 0, done.output
+    result = campaign(file, "--output", tmp_path / "out", "--workers", 0, "--model", tmp_path / "direct_drive.py")
+    assert result.exit_code == 0, result.output
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     assert (summary["model"], summary["left_out"], summary["done"]) == ("direct-drive", {}, 12)
     page = (tmp_path / "out" / "summary.html").read_text(encoding="utf-8")
@@ -141,27 +140,27 @@ def test_a_command_line_takes_a_users_file(direct: Path, write: Write, tmp_path:
 
 
 @pytest.mark.fmu
-def test_an_fmu_of_a_users_actuator(direct: Path, tmp_path: Path) -> None:
+def test_fmu_of_a_users_actuator_gives_the_kernels_rows(direct: Path, tmp_path: Path) -> None:
     model = str(tmp_path / "direct_drive.py")
-    unit = native_unit(model, tmp_path)
-    same_rows(direct, unit)
+    fmu = native_fmu(model, tmp_path)
+    assert_fmu_gives_kernel_rows(direct, fmu)
     direct.write_text(DIRECT.replace('[base]\nmodel = "direct_drive.py"\n', ""), encoding="utf-8")
     with pytest.raises(EmcasError, match="does not contain its model; pass the model with which the FMU was built"):
-        load_study(direct, unit)
-    assert load_study(direct, unit, model=model).actuator.name == "direct-drive"
+        load_study(direct, fmu)
+    assert load_study(direct, fmu, model=model).actuator.name == "direct-drive"
 
 
 @pytest.mark.slow
-def test_one_without_motor_and_supply_leaves_their_figures_out(write: Write, tmp_path: Path) -> None:
-    plan = load_study(write(SECOND_ORDER))
-    assert not {name.partition(".")[2] for name in sample.columns(plan)} & set(POWERED)
-    slow, quick = rows_of(plan, [0, 1], np.array([[60.0], [120.0]]))
-    # From the closed form of a damping near 0.7 the -90 deg frequency is the natural one, but for hold and delay.
+def test_actuator_without_motor_and_supply_has_no_figures_of_power_and_current(write: Write, tmp_path: Path) -> None:
+    study = load_study(write(SECOND_ORDER))
+    assert not {name.partition(".")[2] for name in sample.columns(study)} & set(POWERED)
+    slow, quick = rows_of(study, [0, 1], np.array([[60.0], [120.0]]))
+    # The -90 deg frequency of a second-order system is its natural frequency; hold and delay lower it.
     assert quick["sweep.bandwidth_90deg"] > 1.3 * slow["sweep.bandwidth_90deg"]
     assert slow["step.rise_time"] > 1.3 * quick["step.rise_time"]
     assert 0.0 < slow["step.peak_rate"] < radians(1000.0)
-    done = campaign(tmp_path / "small.toml", "--output", tmp_path / "out", "--workers", 0)
-    assert done.exit_code == 0, done.output
+    result = campaign(tmp_path / "small.toml", "--output", tmp_path / "out", "--workers", 0)
+    assert result.exit_code == 0, result.output
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     assert summary["left_out"] == {"this actuator has no supply_power": ["power_peak", "power_rms", "energy"],
                                    "this actuator has no motor_current": ["peak_current", "rms_current"]}
@@ -170,5 +169,5 @@ def test_one_without_motor_and_supply_leaves_their_figures_out(write: Write, tmp
 
 
 @pytest.mark.fmu
-def test_an_fmu_without_motor_and_supply(write: Write, tmp_path: Path) -> None:
-    same_rows(write(SECOND_ORDER), native_unit("second-order", tmp_path))
+def test_fmu_without_motor_and_supply_gives_the_kernels_rows(write: Write, tmp_path: Path) -> None:
+    assert_fmu_gives_kernel_rows(write(SECOND_ORDER), native_fmu("second-order", tmp_path))

@@ -1,4 +1,4 @@
-"""`emcas campaign`: help, outputs, one sample again, a scheduler that is running, refusals and exit codes."""
+"""`emcas campaign`: help, outputs, one sample, a running scheduler, errors and exit codes."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from .conftest import SMALL, Write, campaign
 
 
 def test_help_has_examples() -> None:
-    done = campaign("--help")
-    assert done.exit_code == 0
+    result = campaign("--help")
+    assert result.exit_code == 0
     for part in ("emcas campaign", "--only", "--scheduler", "130"):
-        assert part in done.output
+        assert part in result.output
 
 
-def test_a_run_and_one_sample_of_it(write: Write, tmp_path: Path) -> None:
+def test_campaign_and_one_of_its_samples(write: Write, tmp_path: Path) -> None:
     file, folder = write(SMALL), tmp_path / "out"
-    done = campaign(file, "--output", folder, "--workers", 0, "--chunk", 10)
-    assert done.exit_code == 0, done.output
-    assert "24 samples; GUID {" in done.output
+    result = campaign(file, "--output", folder, "--workers", 0, "--chunk", 10)
+    assert result.exit_code == 0, result.output
+    assert "24 samples; GUID {" in result.output
     assert sorted(p.name for p in folder.iterdir() if p.name != ".lock") == [
         "campaign.json", "samples", "summary.html", "summary.json"]
     assert len(list((folder / "samples").iterdir())) == 3
@@ -43,10 +43,10 @@ def test_a_run_and_one_sample_of_it(write: Write, tmp_path: Path) -> None:
     again = campaign(file, "--output", folder, "--workers", 0, "--report", tmp_path / "r.html", "--json",
                      tmp_path / "r.json")
     assert again.exit_code == 0
-    assert len(list((folder / "samples").iterdir())) == 3  # nothing was left to run
-    made = [path.read_text(encoding="utf-8").splitlines() for path in (tmp_path / "r.html", folder / "summary.html")]
-    differing = [one for one, other in zip(*made, strict=True) if one != other]
-    assert all('<th scope="row">made by</th>' in line for line in differing)  # the command
+    assert len(list((folder / "samples").iterdir())) == 3  # no sample was missing
+    pages = [path.read_text(encoding="utf-8").splitlines() for path in (tmp_path / "r.html", folder / "summary.html")]
+    differing = [line for line, other in zip(*pages, strict=True) if line != other]
+    assert all('<th scope="row">made by</th>' in line for line in differing)
     changed = campaign(write(SMALL.replace("seed = 5", "seed = 6")), "--output", folder, "--workers", 0)
     assert changed.exit_code == 2
     assert "campaign.seed: 5 then, 6 now" in changed.stderr.replace("\n", "")
@@ -72,16 +72,16 @@ def test_failed_samples_are_results_unless_all_fail(write: Write, tmp_path: Path
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_is_running(write: Write, tmp_path: Path, client: Any) -> None:
+def test_running_scheduler_gives_the_same_rows(write: Write, tmp_path: Path, client: Any) -> None:
     file = write(SMALL)
-    done = campaign(file, "--output", tmp_path / "there", "--scheduler", client.scheduler.address)
-    assert done.exit_code == 0, done.output
+    result = campaign(file, "--output", tmp_path / "there", "--scheduler", client.scheduler.address)
+    assert result.exit_code == 0, result.output
     assert campaign(file, "--output", tmp_path / "here", "--workers", 0).exit_code == 0
     there, here = (pq.read_table(tmp_path / side / "samples").sort_by("index") for side in ("there", "here"))
     assert repr(there.to_pylist()) == repr(here.to_pylist())
 
 
-@pytest.mark.parametrize(("arguments", "said"), [
+@pytest.mark.parametrize(("arguments", "message"), [
     (("--scheduler", "tcp://127.0.0.1:1"), "start one with `dask scheduler`"),
     (("--scheduler", "tcp://127.0.0.1:1", "--workers", "2"), "give one of them"),
     (("--only", "24"), "the indices are 0 to 23"),
@@ -91,26 +91,27 @@ def test_a_scheduler_that_is_running(write: Write, tmp_path: Path, client: Any) 
     (("--report", "none/x.html"), "there is no folder"),
     (("--output", "small.toml/x"), "is a file; give a folder"),
 ])
-def test_refusals(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...],
-                  said: str) -> None:
+def test_error_names_the_option_and_the_remedy(
+        write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...],
+        message: str) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("emcas_fmu.studies.campaign.run._CONNECT", 1.0)
-    done = campaign(write(SMALL), *arguments)
-    assert done.exit_code == 2, done.output
-    assert said in " ".join(done.stderr.split())
-    assert "Traceback" not in done.stderr
+    result = campaign(write(SMALL), *arguments)
+    assert result.exit_code == 2, result.output
+    assert message in " ".join(result.stderr.split())
+    assert "Traceback" not in result.stderr
 
 
 class Quiet(BaseHTTPRequestHandler):
-    """Does not write requested files."""
+    """Handler that does not log requests."""
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Nothing."""
+        pass
 
 
 @pytest.fixture
-def silent() -> Iterator[int]:
-    """The port of a web server, which waits for a request, and answers one that it cannot read."""
+def web_server() -> Iterator[int]:
+    """The port of a web server, which does not understand Dask's messages."""
     server = ThreadingHTTPServer(("127.0.0.1", 0), Quiet)
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
@@ -120,37 +121,38 @@ def silent() -> Iterator[int]:
     server.server_close()
 
 
-def refused_by(write: Write, address: str) -> str:
-    done = campaign(write(SMALL), "--scheduler", address)
-    assert done.exit_code == 2, done.output
-    return " ".join(done.stderr.split())
+def error_of_scheduler(write: Write, address: str) -> str:
+    result = campaign(write(SMALL), "--scheduler", address)
+    assert result.exit_code == 2, result.output
+    return " ".join(result.stderr.split())
 
 
 @pytest.mark.slow
-def test_what_is_no_scheduler_is_told_in_time(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                              silent: int, client: Any) -> None:
+def test_error_soon_names_an_address_without_a_scheduler(
+        write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, web_server: int, client: Any) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("emcas_fmu.studies.campaign.run._CONNECT", 1.0)
     begin = time.monotonic()
-    said = refused_by(write, f"tcp://127.0.0.1:{silent}")
-    assert time.monotonic() - begin < 15.0  # of 1 s, on a machine with other work
-    assert "no scheduler answers there (within 1 s)" in said
-    assert "tcp://host:8786, not that of its dashboard, http://host:8787" in said
-    client.wait_for_workers(1, timeout=30)  # on a machine with other work it may be away for a while
-    assert "a Worker answers" in refused_by(write, next(iter(client.scheduler_info()["workers"])))
+    message = error_of_scheduler(write, f"tcp://127.0.0.1:{web_server}")
+    assert time.monotonic() - begin < 15.0  # the limit is 1 s; a busy machine is slower
+    assert "no scheduler answers there (within 1 s)" in message
+    assert "tcp://host:8786, not that of its dashboard, http://host:8787" in message
+    client.wait_for_workers(1, timeout=30)  # on a busy machine it may be missing for a while
+    assert "a Worker answers" in error_of_scheduler(write, next(iter(client.scheduler_info()["workers"])))
 
 
-def test_missing_samples_are_told(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever lost them: here a part that is removed while the run goes on."""
-    written, folder = Store.write, tmp_path / "out"
+def test_missing_samples_are_counted_in_the_error(
+        write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A part is removed during the run."""
+    write_rows, folder = Store.write, tmp_path / "out"
 
-    def losing(store: Store, rows: Rows) -> Path:
-        path = written(store, rows)
+    def lose(store: Store, rows: Rows) -> Path:
+        path = write_rows(store, rows)
         if rows["index"][0] == 10:
             path.unlink()
         return path
 
-    monkeypatch.setattr(Store, "write", losing)
-    done = campaign(write(SMALL), "--output", folder, "--workers", 0, "--chunk", 10)
-    assert done.exit_code == 1, done.output
-    assert "10 of 24 samples are missing" in " ".join(done.stderr.split())
+    monkeypatch.setattr(Store, "write", lose)
+    result = campaign(write(SMALL), "--output", folder, "--workers", 0, "--chunk", 10)
+    assert result.exit_code == 1, result.output
+    assert "10 of 24 samples are missing" in " ".join(result.stderr.split())

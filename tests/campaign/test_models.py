@@ -1,4 +1,4 @@
-"""Campaigns over models and options: own variables, FMUs, stores, and what was found of faults."""
+"""Campaigns of actuators with extensions: their variables, FMUs and stores, and the detection of faults."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from emcas_fmu.studies.campaign.store import Store, identity
 from emcas_fmu.studies.campaign.study import Study, load_study
 from emcas_fmu.support.files import models_directory
 
-from .conftest import A_STEP, SMALL, Write, assert_same_rows, campaign, native_unit, rows_of
+from .conftest import A_STEP, SMALL, Write, assert_same_rows, campaign, native_fmu, rows_of
 
 FAULTS = """
 [campaign]
@@ -69,24 +69,23 @@ duration = "0.3 s"
 
 
 @pytest.fixture(scope="module")
-def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An FMU with faults."""
-    return native_unit("nonlinear+faults", tmp_path_factory.mktemp("faulty"))
+def faults_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An FMU of the default actuator with faults."""
+    return native_fmu("nonlinear+faults", tmp_path_factory.mktemp("faults"))
 
 
-def test_the_nonlinear_model_is_as_ever(small: Study) -> None:
-    """A store of a campaign without a model goes on: nothing new is in its identity or its rows."""
+def test_campaign_without_a_model_adds_nothing_to_identity_or_rows(small: Study) -> None:
+    """Older stores of such a campaign can be continued."""
     assert small.model == "nonlinear"
     assert "model" not in identity(small)
     assert extension_outputs.observed(small) == {}
     assert sample.subject_of(small).model == "nonlinear"
 
 
-def test_a_fault_shows_in_words_state_and_time(write: Write) -> None:
-    """Against the outputs of the same run, made here."""
+def test_fault_is_recorded_in_words_status_and_time(write: Write) -> None:
+    """The row agrees with the outputs of a direct simulation."""
     study = load_study(write(FAULTS))
-    rows = rows_of(study, [0, 1], np.array([[0.15, 1000.0], [0.15, 0.0]]))
-    jammed, sound = rows
+    jammed, sound = rows_of(study, [0, 1], np.array([[0.15, 1000.0], [0.15, 0.0]]))
     angle = radians(10.0)
     values = load_parameters(model="nonlinear+faults").with_values(
         {"fault.jam.begin": 0.15, "fault.jam.end": 1000.0}).values
@@ -105,23 +104,23 @@ def test_a_fault_shows_in_words_state_and_time(write: Write) -> None:
     assert sound["fly.status_last"] == "operational"
 
 
-@pytest.mark.parametrize("machine", [True, False])
-def test_an_own_input_and_a_flag(write: Write, monkeypatch: pytest.MonkeyPatch, machine: bool) -> None:
-    """Stepped with a spring, by both kernels: `home` arrives, and nothing is homed before."""
-    if not machine:
+@pytest.mark.parametrize("compiled", [True, False])
+def test_input_and_flag_of_an_extension(write: Write, monkeypatch: pytest.MonkeyPatch, compiled: bool) -> None:
+    """With a spring and in both kernels, the input `home` starts the search, and `homed` is not set before."""
+    if not compiled:
         monkeypatch.setattr(library, "available", lambda *_: False)
-    plan = load_study(write(HOMED))
-    (row,) = rows_of(plan, [0], np.array([[0.02]]))
+    study = load_study(write(HOMED))
+    (row,) = rows_of(study, [0], np.array([[0.02]]))
     assert (row["status"], row["error"]) == ("ok", "")
     assert (row["home.status_last"], row["home.homed_last"], row["home.homed_share"]) == ("homing", False, 0.0)
-    made = excitation(plan.experiments[0], plan.base, plan.numbers, plan.model)
-    status = sample.subject_of(plan).run(made).columns["status"]
+    made = excitation(study.experiments[0], study.base, study.numbers, study.model)
+    status = sample.subject_of(study).run(made).columns["status"]
     assert status[np.searchsorted(made.time, LEAD_IN + 0.015)] == 2.0  # unreferenced
     assert status[np.searchsorted(made.time, LEAD_IN + 0.03)] == 3.0
 
 
-def test_a_history_is_of_the_sample_that_is_in_the_row(write: Write) -> None:
-    """Of a factor at the base's value, too: `homing.required` true, where a sample without it knows its angle."""
+def test_history_is_the_run_of_the_same_row(write: Write) -> None:
+    """Also if a factor has its base value: with `homing.required` true the actuator does not move before homing."""
     study = load_study(write("""
         [campaign]
         method = "grid"
@@ -138,36 +137,36 @@ def test_a_history_is_of_the_sample_that_is_in_the_row(write: Write) -> None:
         assert isnan(rows[index]["step.rise_time"]) is required
 
 
-def test_own_real_outputs_are_reduced(write: Write) -> None:
+def test_real_outputs_of_an_extension_have_smallest_last_and_largest_value(write: Write) -> None:
     text = FAULTS.replace("nonlinear+faults", "nonlinear+heat")
     text = text.replace("fault.jam.begin", "heat.case_start_rise").replace("0.1 s", "0 K").replace("0.2 s", "60 K")
     head, rest = text.split('[vary."fault.jam.end"]')
-    plan = load_study(write(head + rest[rest.index("[experiments"):]))
-    cold, warm = rows_of(plan, [0, 1], np.array([[0.0], [60.0]]))
+    study = load_study(write(head + rest[rest.index("[experiments"):]))
+    cold, warm = rows_of(study, [0, 1], np.array([[0.0], [60.0]]))
     rise = warm["fly.case_temperature_last"] - cold["fly.case_temperature_last"]
-    assert rise == pytest.approx(60.0, abs=1.0)  # some of it goes into the winding
+    assert rise == pytest.approx(60.0, abs=1.0)  # the case loses a part of it to the winding
     for row in (cold, warm):
         low, last, high = (row[f"fly.winding_temperature_{end}"] for end in ("smallest", "last", "largest"))
         assert low <= last <= high
-    assert sample.columns(plan)["fly.winding_temperature_last"].unit == "degC"
+    assert sample.columns(study)["fly.winding_temperature_last"].unit == "degC"
 
 
-def test_a_model_is_another_campaign(write: Write, tmp_path: Path) -> None:
+def test_another_model_is_another_campaign(write: Write, tmp_path: Path) -> None:
     study = load_study(write(FAULTS))
     with Store(tmp_path / "out", study) as store:
         store.write(sample.rows(study, [0, 1], study.draw([0, 1])))
-        told = store.table()
-    assert told.schema.field("fly.status_last").type == pa.string()
-    assert told.schema.field("fly.fault_word_ever").type == pa.int64()
+        schema = store.table().schema
+    assert schema.field("fly.status_last").type == pa.string()
+    assert schema.field("fly.fault_word_ever").type == pa.int64()
     other = load_study(write(FAULTS), model="elastic+faults")
     assert other.guid != study.guid
     with pytest.raises(CampaignError, match=r"model: 'nonlinear\+faults' then, 'elastic\+faults' now"):
         Store(tmp_path / "out", other)
-    with Store(tmp_path / "out", load_study(write(FAULTS))) as again:  # with the same one it goes on
+    with Store(tmp_path / "out", load_study(write(FAULTS))) as again:  # the same model continues
         assert again.missing().tolist() == [2, 3, 4, 5]
 
 
-def test_a_sample_that_cannot_be_has_no_words(write: Write, tmp_path: Path) -> None:
+def test_failed_sample_has_no_words_and_no_status(write: Write, tmp_path: Path) -> None:
     study = load_study(write(FAULTS))
     rows = sample.rows(study, [0], np.array([[-1.0, 0.0]]))
     (row,) = sample.listed(rows)
@@ -180,27 +179,27 @@ def test_a_sample_that_cannot_be_has_no_words(write: Write, tmp_path: Path) -> N
 
 
 @pytest.mark.fmu
-def test_an_fmu_tells_its_model(write: Write, faulty: Path) -> None:
-    """Not by its file's name; figures, words and states are the kernel's."""
+def test_fmu_contains_its_model(write: Write, faults_fmu: Path) -> None:
+    """Its file name does not name the model. Figures, words and status equal those of the kernel."""
     plain = FAULTS.replace('[base]\nmodel = "nonlinear+faults"\n', "")
-    by_unit, by_model = load_study(write(plain), faulty), load_study(write(FAULTS))
-    assert by_unit.model == "nonlinear+faults"
-    assert by_unit.guid == by_model.guid
-    assert_same_rows(by_unit, by_model, [[0.15, 1000.0], [0.12, 0.0]])
+    by_fmu, by_model = load_study(write(plain), faults_fmu), load_study(write(FAULTS))
+    assert by_fmu.model == "nonlinear+faults"
+    assert by_fmu.guid == by_model.guid
+    assert_same_rows(by_fmu, by_model, [[0.15, 1000.0], [0.12, 0.0]])
     with pytest.raises(EmcasError, match=r"its model is nonlinear\+faults, but nonlinear\+heat is requested"):
-        load_study(write(plain), faulty, model="nonlinear+heat")
+        load_study(write(plain), faults_fmu, model="nonlinear+heat")
 
 
 @pytest.mark.fmu
-def test_an_fmu_that_does_not_tell(write: Write, faulty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fmu_without_its_model_needs_an_option(write: Write, faults_fmu: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("emcas_fmu.bench.fmu.model_of", lambda name: None)
     plain = FAULTS.replace('[base]\nmodel = "nonlinear+faults"\n', "")
     with pytest.raises(EmcasError, match=r"does not contain its model; pass the model with which the FMU was built"):
-        load_study(write(plain), faulty)
-    assert load_study(write(FAULTS), faulty).model == "nonlinear+faults"
+        load_study(write(plain), faults_fmu)
+    assert load_study(write(FAULTS), faults_fmu).model == "nonlinear+faults"
 
 
-@pytest.mark.parametrize(("text", "said"), [
+@pytest.mark.parametrize(("text", "message"), [
     (SMALL + '[vary."fault.jam.begin"]\ndistribution = "uniform"\nlow = "0 s"\nhigh = "1 s"\n',
      "'fault.jam.begin' of the nonlinear model; nonlinear+faults has one"),
     (SMALL + '[inputs.home]\nkind = "constant"\nvalue = true\n', "'home' of the nonlinear model; nonlinear+homing has"),
@@ -208,61 +207,62 @@ def test_an_fmu_that_does_not_tell(write: Write, faulty: Path, monkeypatch: pyte
     ('[base]\nmodel = "linear+lugre"\n' + SMALL, "base.model = linear+lugre"),
     ('[base]\nmodel = 3\n' + SMALL, "base.model = 3: must be a string"),
 ])
-def test_refusals(write: Write, text: str, said: str) -> None:
+def test_error_names_the_entry_and_the_remedy(write: Write, text: str, message: str) -> None:
     with pytest.raises(CampaignError) as caught:
         load_study(write(text))
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
-def row(faults: int, tripped: int, begin: float, first: float) -> Mapping[str, Any]:
-    """Output about a sample's words."""
-    return {"fly.fault_word_ever": faults, "fly.built_in_test_ever": tripped, "fly.fault_word_first": begin,
-            "fly.built_in_test_first": first, "fly.fault_word_last": faults, "fly.built_in_test_last": tripped,
-            "fly.status_last": "failed" if tripped else "operational"}
+def row(faults: int, monitors: int, begin: float, first: float) -> Mapping[str, Any]:
+    """Return the outputs for a sample's fault word, built-in test word and their first times [s]."""
+    return {"fly.fault_word_ever": faults, "fly.built_in_test_ever": monitors, "fly.fault_word_first": begin,
+            "fly.built_in_test_first": first, "fly.fault_word_last": faults, "fly.built_in_test_last": monitors,
+            "fly.status_last": "failed" if monitors else "operational"}
 
 
-def test_findings_on_rows_with_known_answers(write: Write) -> None:
+def test_findings_of_rows_with_known_results(write: Write) -> None:
     never = float("nan")
     table = pa.Table.from_pylist([
         row(0, 0, never, never), row(0, 2, never, 0.4),  # a false alarm
-        row(1, 3, 0.2, 0.5), row(1, 1, 0.3, 0.4), row(1, 0, 0.3, never), row(1, 1, 0.3, 0.1),  # the last one too soon
+        row(1, 3, 0.2, 0.5), row(1, 1, 0.3, 0.4), row(1, 0, 0.3, never),
+        row(1, 1, 0.3, 0.1),  # detected before the fault
         row(5, 8, 0.1, 0.9)])
-    plan = load_study(write(FAULTS))
-    none, jam, several = extension_outputs.findings(plan, table)
+    study = load_study(write(FAULTS))
+    none, jam, several = extension_outputs.findings(study, table)
     assert (none.fault, none.samples, none.found) == (extension_outputs.NONE, 2, 1)
     assert (jam.fault, jam.samples, jam.found, jam.before) == ("jam", 4, 2, 1)
     assert (jam.delay, jam.longest) == pytest.approx((0.2, 0.3))
     assert (jam.monitors["tracking"], jam.monitors["stall"]) == (3, 1)
     assert (several.fault, several.samples, several.found) == (extension_outputs.SEVERAL, 1, 1)
-    counts = extension_outputs.tallies(plan, table)
+    counts = extension_outputs.tallies(study, table)
     assert counts["fly.status_last"] == {"failed": 5, "operational": 2}
     assert counts["fly.fault_word_ever"] == {"jam": 5, "none": 2, "hard_over": 1}
     assert [*extension_outputs.findings(load_study(write(SMALL)), table)] == []
-    without = load_study(write(FAULTS), model="second-order+faults")  # neither motor nor bus to monitor
-    assert [list(f.monitors) for f in extension_outputs.findings(without, table)] == [["tracking", "command"]] * 3
+    second_order = load_study(write(FAULTS), model="second-order+faults")  # has neither motor nor bus to monitor
+    assert [list(f.monitors) for f in extension_outputs.findings(second_order, table)] == [["tracking", "command"]] * 3
 
 
-def test_findings_of_a_fault_that_the_actuator_declares(write: Write) -> None:
+def test_findings_name_a_fault_of_a_users_actuator(write: Write) -> None:
     bit = 2 ** len(fault_list.FAULTS)
     table = pa.Table.from_pylist([row(bit, 1, 0.2, 0.5), row(bit, 0, 0.3, float("nan"))])
     direct = Path(__file__).parents[2] / "examples" / "own_actuator" / "direct_drive.py"
-    plan = load_study(write(FAULTS), model=f"{direct}+faults")
-    (found,) = extension_outputs.findings(plan, table)
+    study = load_study(write(FAULTS), model=f"{direct}+faults")
+    (found,) = extension_outputs.findings(study, table)
     assert (found.fault, found.samples, found.found) == ("demagnetised", 2, 1)
     assert found.delay == pytest.approx(0.3)
-    assert extension_outputs.tallies(plan, table)["fly.fault_word_ever"] == {"demagnetised": 2}
+    assert extension_outputs.tallies(study, table)["fly.fault_word_ever"] == {"demagnetised": 2}
 
 
 @pytest.mark.slow
 @pytest.mark.drawn
-def test_the_shipped_campaign(tmp_path: Path) -> None:
-    """As a user calls it, with fewer samples: page, JSON and table tell faults; --model is told in how to run it."""
+def test_shipped_campaign_of_faults(tmp_path: Path) -> None:
+    """Page, JSON and terminal show the findings; the page's command contains --model."""
     text = (models_directory() / "campaign_faults.toml").read_text(encoding="utf-8")
     file, folder = tmp_path / "few.toml", tmp_path / "out"
     file.write_text(text.replace("samples = 2000", "samples = 30"), encoding="utf-8")
-    done = campaign(file, "--output", folder, "--workers", 0, "--model", "nonlinear+heat+faults")
-    assert done.exit_code == 0, done.output
-    assert "their detection by the built-in test" in done.output
+    result = campaign(file, "--output", folder, "--workers", 0, "--model", "nonlinear+heat+faults")
+    assert result.exit_code == 0, result.output
+    assert "their detection by the built-in test" in result.output
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert summary["model"] == "nonlinear+heat+faults"
     assert sum(f["samples"] for f in summary["findings"]) == 30

@@ -1,4 +1,4 @@
-"""Samples judged by requirements: the same figures whoever measures them, and the probability that each is met."""
+"""Samples judged by requirements: figures as `emcas validate` measures them, and probabilities that they are met."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ high = "24 degC"
 kind = "constant"
 value = { distribution = "uniform", low = "-40 N.m", high = "0 N.m" }
 """ + A_STEP
-# A test of each kind, those of a supply and after use in a low supply; one that has no value.
+# Tests of every kind except `release`; one is at low supply voltage, and one never has a value.
 REQUIRED = """
 [cases.nominal]
 [cases.cold]
@@ -102,7 +102,7 @@ test = { kind = "slew", amplitude = "10 deg" }
 figure = "peak_rate"
 minimum = "10 deg/s"
 """
-# Half of the units clip their commands at 15 deg.
+# Half of the samples clip their commands at 15 deg.
 LIMITED = """
 [campaign]
 method = "grid"
@@ -117,7 +117,7 @@ count = 5
 
 @pytest.fixture
 def required(tmp_path: Path) -> Path:
-    """The file of a test of each kind."""
+    """The requirements file REQUIRED."""
     path = tmp_path / "required.toml"
     path.write_text(REQUIRED, encoding="utf-8")
     return path
@@ -128,8 +128,8 @@ def varied(write: Write, required: Path) -> Study:
     return load_study(write(VARIED), requirements=required)
 
 
-def kept(study: Study, folder: Path, sizes: tuple[int, ...] = (9,)) -> str:
-    """Rows of runs in this process, each of some samples, to the bit."""
+def rows_in_process(study: Study, folder: Path, sizes: tuple[int, ...] = (9,)) -> str:
+    """Run the samples in this process, `sizes` of them per run, and return all rows as exact text."""
     for size in sizes:
         with Store(folder, study) as store:
             in_process(study, store.missing()[:size], store.write, 2)
@@ -139,9 +139,9 @@ def kept(study: Study, folder: Path, sizes: tuple[int, ...] = (9,)) -> str:
 
 
 @pytest.mark.slow
-def test_resumed_and_by_workers(varied: Study, tmp_path: Path, client: Any) -> None:
-    rows = kept(varied, tmp_path / "alone")
-    assert kept(varied, tmp_path / "resumed", (2, 3, 4)) == rows
+def test_resumed_runs_and_workers_give_the_same_rows(varied: Study, tmp_path: Path, client: Any) -> None:
+    rows = rows_in_process(varied, tmp_path / "alone")
+    assert rows_in_process(varied, tmp_path / "resumed", (2, 3, 4)) == rows
     with Store(tmp_path / "workers", varied) as store:
         by_dask(client, varied, store.missing(), store.write, chunk=4)
         assert repr(store.table().to_pylist()) == rows
@@ -149,26 +149,27 @@ def test_resumed_and_by_workers(varied: Study, tmp_path: Path, client: Any) -> N
 
 @settings(max_examples=3, deadline=None)
 @given(st.permutations(range(6)), st.lists(st.integers(1, 5), max_size=2, unique=True))
-def test_a_sample_alone(tmp_path_factory: pytest.TempPathFactory, order: list[int], cuts: list[int]) -> None:
+def test_row_does_not_depend_on_the_samples_computed_with_it(
+        tmp_path_factory: pytest.TempPathFactory, order: list[int], cuts: list[int]) -> None:
     folder = tmp_path_factory.mktemp("alone")
     for name, text in (("varied", VARIED), ("required", REQUIRED)):
         (folder / f"{name}.toml").write_text(text, encoding="utf-8")
     study = load_study(folder / "varied.toml", requirements=folder / "required.toml")
-    plan, drawn = study, study.draw(range(6))
+    drawn = study.draw(range(6))
     drawn[2, 0] = -1.0  # refused
-    subject = sample.subject_of(plan)
-    alone = [sample.listed(sample.together(plan, [k], drawn[[k]], subject))[0] for k in range(6)]
+    subject = sample.subject_of(study)
+    alone = [sample.listed(sample.together(study, [k], drawn[[k]], subject))[0] for k in range(6)]
     assert [row["status"] for row in alone].count("failed") == 1
     for part in np.split(np.array(order), sorted(cuts)):
-        for row in sample.listed(sample.together(plan, part.tolist(), drawn[part], subject)):
+        for row in sample.listed(sample.together(study, part.tolist(), drawn[part], subject)):
             assert repr(row) == repr(alone[row["index"]])
 
 
-def test_figures_are_those_of_validate(varied: Study, required: Path) -> None:
-    """Each sample as a parameter set of its own: the share of its supply, and a case over what was drawn."""
-    plan, drawn = varied, varied.draw([0, 1])
+def test_figures_equal_those_of_a_parameter_set_with_the_drawn_values(varied: Study, required: Path) -> None:
+    """A low supply is relative to the drawn voltage, and cases apply to the drawn parameters."""
+    study, drawn = varied, varied.draw([0, 1])
     drawn[:, 1] = 28.0, 39.0
-    found = sample.listed(sample.rows(plan, [0, 1], drawn))
+    found = sample.listed(sample.rows(study, [0, 1], drawn))
     cases = set()
     for row, values in zip(found, drawn, strict=True):
         parameters = load_parameters().with_values(dict(zip(
@@ -176,41 +177,41 @@ def test_figures_are_those_of_validate(varied: Study, required: Path) -> None:
             strict=True)))
         (figures,) = evaluate(ParameterSubject(parameters), load_requirements(required, parameters), [{}])
         for name in ("overshoot", "loaded_rate", "phase_margin", "bandwidth", "repeatable"):
-            both = [f for f in figures if f.requirement.name == name]
-            worst = max(both, key=lambda f: f.requirement.sign * f.measured)
+            cases_of_figure = [f for f in figures if f.requirement.name == name]
+            worst = max(cases_of_figure, key=lambda f: f.requirement.sign * f.measured)
             assert row[f"requirement.{name}"] == worst.measured
             cases.add(worst.case.name)
         assert np.isnan(row["requirement.never"])
     assert cases == {"nominal", "cold"}
-    # At 70 % of 28 V the back-EMF takes what is left; by the shipped 39 V both would be as fast.
+    # 70 % of 28 V leaves less voltage above the back-EMF. If both were relative to 39 V, the rates would be equal.
     slow, fast = (row["requirement.loaded_rate"] for row in found)
     assert slow < 0.9 * fast
 
 
 @pytest.mark.slow
 @pytest.mark.fmu
-def test_an_fmu_gives_the_kernels_figures(write: Write, required: Path, native: Path) -> None:
-    by_unit, by_kernel = (load_study(write(VARIED), fmu, requirements=required) for fmu in (native, None))
-    assert_same_rows(by_unit, by_kernel, by_kernel.draw([0, 1]))
+def test_fmu_gives_the_kernels_figures(write: Write, required: Path, native: Path) -> None:
+    by_fmu, by_kernel = (load_study(write(VARIED), fmu, requirements=required) for fmu in (native, None))
+    assert_same_rows(by_fmu, by_kernel, by_kernel.draw([0, 1]))
 
 
-def test_half_of_the_samples_miss(write: Write, tmp_path: Path) -> None:
-    """5 of 10: between 18.7 and 81.3 % in the tables of Clopper and Pearson; the other is met by all."""
+def test_probability_that_a_requirement_is_met(write: Write, tmp_path: Path) -> None:
+    """5 of 10 samples meet one requirement: 18.7 to 81.3 % by Clopper and Pearson's tables. All meet the other."""
     (tmp_path / "half.toml").write_text(HALF, encoding="utf-8")
-    done = campaign(write(LIMITED), "--output", tmp_path / "out", "--workers", 0, "--requirements",
+    result = campaign(write(LIMITED), "--output", tmp_path / "out", "--workers", 0, "--requirements",
                     tmp_path / "half.toml")
-    assert done.exit_code == 0, done.output
-    found = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
-    half, all_ = found["requirements"]["each"]
+    assert result.exit_code == 0, result.output
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    half, all_ = summary["requirements"]["each"]
     assert (half["name"], half["met"], half["samples"], half["share"]) == ("range", 5, 10, 0.5)
-    assert (half["low"], half["high"]) == pytest.approx((0.1871, 0.8129), abs=5e-5)  # to the digits of the tables
+    assert (half["low"], half["high"]) == pytest.approx((0.1871, 0.8129), abs=5e-5)  # digits of the tables
     assert (all_["met"], all_["high"]) == (10, 1.0)
-    assert found["requirements"]["all"] == {key: half[key] for key in ("met", "samples", "share", "low", "high")}
-    spread = next(f for f in found["figures"] if f["name"] == "requirement.range")
-    assert spread["worst"][0]["value"] == pytest.approx(radians(15.0), abs=radians(0.05))  # an encoder's accuracy
+    assert summary["requirements"]["all"] == {key: half[key] for key in ("met", "samples", "share", "low", "high")}
+    spread = next(f for f in summary["figures"] if f["name"] == "requirement.range")
+    assert spread["worst"][0]["value"] == pytest.approx(radians(15.0), abs=radians(0.05))  # the encoder's accuracy
     assert {e["factor"] for e in spread["sensitivities"]} == {"command.limit", "motor.resistance"}
     text = (tmp_path / "out" / "summary.html").read_text(encoding="utf-8")
-    for shown in (done.output, text):
+    for shown in (result.output, text):
         assert "50.0 % (18.7 % … 81.3 %)" in shown
         assert "≥ 69.1 %" in shown
     assert "Requirements and the samples that meet them: the specification" in text
@@ -218,8 +219,7 @@ def test_half_of_the_samples_miss(write: Write, tmp_path: Path) -> None:
     assert f"--requirements {tmp_path / 'half.toml'}" in text
 
 
-def test_a_percentage_of_a_case_is_of_the_sample(write: Write, tmp_path: Path) -> None:
-    """Of a resistance that varies, 130 % is of each sample's, as it is of a unit that is built that way."""
+def test_percentage_in_a_case_is_relative_to_the_drawn_value(write: Write, tmp_path: Path) -> None:
     hot = '[cases.hot]\n"motor.resistance" = "130 %"\n"inertia.fin" = "0.05 kg*m^2"\n'
     (tmp_path / "hot.toml").write_text(hot + HALF, encoding="utf-8")
     specification = load_study(write(LIMITED), requirements=tmp_path / "hot.toml").specification
@@ -229,7 +229,7 @@ def test_a_percentage_of_a_case_is_of_the_sample(write: Write, tmp_path: Path) -
     assert specification.cases[0].of({})["motor.resistance"] == pytest.approx(1.3 * nominal)
 
 
-def test_a_sample_that_failed_meets_nothing(write: Write, tmp_path: Path) -> None:
+def test_failed_sample_meets_no_requirement(write: Write, tmp_path: Path) -> None:
     (tmp_path / "half.toml").write_text(HALF, encoding="utf-8")
     study = load_study(write(LIMITED), requirements=tmp_path / "half.toml")
     drawn = study.draw(range(10))
@@ -243,41 +243,40 @@ def test_a_sample_that_failed_meets_nothing(write: Write, tmp_path: Path) -> Non
     assert [(c.met, c.samples) for c in found.chances] == [(8, 10), (5, 10), (5, 10)]
 
 
-def test_sensitivities_leave_out_what_does_not_reach_it(varied: Study, tmp_path: Path) -> None:
-    """The load of the experiments is no load of a requirement's test."""
+def test_inputs_of_experiments_have_no_sensitivity_on_requirements(varied: Study, tmp_path: Path) -> None:
     rows = sample.failed(varied, range(9), varied.draw(range(9)), [""] * 9)
     rows |= {"status": ["ok"] * 9, **dict.fromkeys(sample.columns(varied), np.arange(9.0))}
     rows = {name: [*column] * 2 for name, column in rows.items()} | {"index": np.arange(18)}
     with Store(tmp_path / "out", varied) as store:
         store.write(rows)
         found = summarise(varied, store.table())
-    acting = {e.factor for e in found.by_name["requirement.overshoot"].effects}
-    assert acting == {"motor.torque_constant", "drive.supply_voltage", "friction.temperature"}
+    factors = {e.factor for e in found.by_name["requirement.overshoot"].effects}
+    assert factors == {"motor.torque_constant", "drive.supply_voltage", "friction.temperature"}
     assert "inputs.aero_torque.value" in {e.factor for e in found.by_name["step.energy"].effects}
 
 
 @pytest.mark.parametrize("n", [1, 24, 1000, 10**6])
-def test_where_none_failed(n: int) -> None:
-    """Of Clopper and Pearson then (alpha/2)^(1/n); to the last digits of a quantile of the beta distribution."""
+def test_bound_if_all_or_none_of_the_samples_meet_a_requirement(n: int) -> None:
+    """Clopper and Pearson's bound is then (alpha/2)^(1/n); SciPy's quantile of the beta distribution rounds."""
     bound = 0.025 ** (1.0 / n)
     assert list(Chance(None, n, n).interval) == pytest.approx([bound, 1.0], rel=1e-12)
     assert list(Chance(None, 0, n).interval) == pytest.approx([0.0, 1.0 - bound], rel=1e-9)  # a small difference
-    said = float(str(Chance(None, n, n)).split()[1]) / 100.0
-    assert bound - 0.1 * (1.0 - bound) <= said <= bound
+    shown = float(str(Chance(None, n, n)).split()[1]) / 100.0
+    assert bound - 0.1 * (1.0 - bound) <= shown <= bound
 
 
-@pytest.mark.parametrize(("met", "n", "said"), [
+@pytest.mark.parametrize(("met", "n", "text"), [
     (24, 24, "≥ 85.7 %"), (1000, 1000, "≥ 99.63 %"), (0, 24, "≤ 14.3 %"),
     (999, 1000, "99.90 % (99.44 % … 99.9975 %)")])
-def test_in_words(met: int, n: int, said: str) -> None:
-    assert str(Chance(None, met, n)) == said
+def test_probability_as_shown(met: int, n: int, text: str) -> None:
+    assert str(Chance(None, met, n)) == text
 
 
-def test_other_requirements_are_another_campaign(write: Write, required: Path, tmp_path: Path) -> None:
+def test_changed_requirement_is_another_campaign(write: Write, required: Path, tmp_path: Path) -> None:
     file = write(VARIED)
     Store(tmp_path / "out", load_study(file, requirements=required)).close()
     required.write_text(REQUIRED.replace('"the specification"', '"another edition"'), encoding="utf-8")
-    Store(tmp_path / "out", load_study(file, requirements=required)).close()  # who says so decides nothing
+    Store(tmp_path / "out", load_study(file, requirements=required)).close()  # the source does not matter
     required.write_text(REQUIRED.replace('"10 Hz"', '"11 Hz"'), encoding="utf-8")
     with pytest.raises(CampaignError, match=r"requirements\.bandwidth\.minimum: 10\.0 then, 11\.0 now"):
         Store(tmp_path / "out", load_study(file, requirements=required))
@@ -285,7 +284,7 @@ def test_other_requirements_are_another_campaign(write: Write, required: Path, t
         Store(tmp_path / "out", load_study(file))
 
 
-def test_the_shipped_ones_and_what_an_actuator_has_not(write: Write) -> None:
+def test_shipped_requirements_that_an_actuator_lacks_are_left_out(write: Write) -> None:
     study = load_study(write(VARIED), requirements="shipped")
     assert study.specification.file == "requirements.toml"
     assert not study.left_out
@@ -298,6 +297,6 @@ def test_the_shipped_ones_and_what_an_actuator_has_not(write: Write) -> None:
     assert "requirement.accuracy_20deg" in sample.columns(study)
 
 
-def test_no_experiment_is_called_so(write: Write) -> None:
+def test_experiment_must_not_be_named_requirement(write: Write) -> None:
     with pytest.raises(CampaignError, match="must not be requirement"):
         load_study(write(VARIED.replace("[experiments.step]", "[experiments.requirement]")))

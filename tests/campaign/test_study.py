@@ -1,4 +1,4 @@
-"""Campaign files: what they mean, and what is refused with the entry's name and a remedy."""
+"""Campaign files: their meaning, and errors that name the entry and the remedy."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from tests.marks import slow
 from .conftest import GRID, ODD, SMALL, Write, campaign, replaced
 
 
-def test_the_example_is_sound(write: Write, tmp_path: Path) -> None:
+def test_shipped_campaign_is_valid(write: Write, tmp_path: Path) -> None:
     study = load_study(models_directory() / "campaign.toml")
     assert study.samples == 1000
     assert {e.kind for e in study.experiments} == {"step", "sweep"}
-    (tmp_path / "unit.toml").write_text('[drive]\nsupply_voltage = "19.5 V"\n', encoding="utf-8")
-    small = load_study(write(f'[base]\nparameters = "{tmp_path / "unit.toml"}"\n{study.text}'))
-    for each, limits in ((study, (18.0, 39.0)), (small, (9.0, 19.5))):  # the brown-out is a share of the supply
+    (tmp_path / "half.toml").write_text('[drive]\nsupply_voltage = "19.5 V"\n', encoding="utf-8")
+    half = load_study(write(f'[base]\nparameters = "{tmp_path / "half.toml"}"\n{study.text}'))
+    for each, limits in ((study, (18.0, 39.0)), (half, (9.0, 19.5))):  # the sag is a percentage of the supply voltage
         sag = next(f for f in each.factors if f.name == "experiments.sag.inputs.supply_voltage.value")
         assert sag.distribution.limits() == limits
 
 
-def test_numbers_in_the_tables_units(small: Study) -> None:
+def test_numbers_of_a_study_have_the_units_of_the_table(small: Study) -> None:
     constant, temperature, load = (f.distribution.numbers for f in small.factors)
     base = load_parameters().values["motor.torque_constant"]
-    # Left out, a mean is the base value; a percentage of an sd is one of the mean (one rounding).
+    # The default mean is the base value; a percentage of an sd is relative to the mean (one rounding).
     assert constant == pytest.approx({"mean": base, "sd": 0.03 * base}, rel=1e-15)
     assert temperature == {"low": -6.0, "high": 24.0}
     assert load == {"low": -40.0, "high": 0.0}
@@ -44,46 +44,45 @@ def test_numbers_in_the_tables_units(small: Study) -> None:
 
 
 @pytest.mark.parametrize(("written", "expected"), [("5 K", 5.0), ("5 degC", 5.0), ("9 degF", 5.0)])
-def test_a_temperatures_deviation_is_a_difference(write: Write, written: str, expected: float) -> None:
+def test_standard_deviation_of_a_temperature_is_a_difference(write: Write, written: str, expected: float) -> None:
     text = SMALL.replace('"uniform"\nlow = "-6 degC"\nhigh = "24 degC"',
                          f'"normal"\nmean = "10 degC"\nsd = "{written}"')
     factor = load_study(write(text)).factors[1]
-    # 273.15 and a number near it are subtracted: a few of their roundings of 3e-14.
+    # Two numbers near 273.15 are subtracted: a few roundings of 3e-14.
     assert factor.distribution.numbers["sd"] == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize(("low", "high", "warned"), [
     ("-6 degC", "24 degC", ()), ("-40 degC", "80 degC", ("-40",)), ("0 degC", "30 degC", ("30",)),
-    ("-60 degC", "-20 degC", ("-40",)),  # the median is said first
+    ("-60 degC", "-20 degC", ("-40",)),  # the median is warned of first
 ])
-def test_a_temperature_where_friction_was_not_tested(write: Write, low: str, high: str,
-                                                     warned: tuple[str, ...]) -> None:
-    """One warning, of what may come in a sample; the base set's temperature, which varies, is in none."""
+def test_warning_if_a_drawn_temperature_is_outside_the_tested_range_of_friction(
+        write: Write, low: str, high: str, warned: tuple[str, ...]) -> None:
+    """The base value of a temperature that varies gives no warning."""
     text = SMALL.replace('low = "-6 degC"\nhigh = "24 degC"', f'low = "{low}"\nhigh = "{high}"')
     (write(SMALL).parent / "cold.toml").write_text('friction.temperature = "-50 degC"\n', encoding="utf-8")
     study = load_study(write('[base]\nparameters = "cold.toml"\n' + text))
-    assert [said.partition(" is outside")[0] for said in study.warnings] == [
+    assert [message.partition(" is outside")[0] for message in study.warnings] == [
         f"friction.temperature = {value} degC" for value in warned]
 
 
-def test_what_does_not_vary_is_warned_of_too(write: Write) -> None:
+def test_warning_if_the_constant_temperature_is_outside_the_tested_range(write: Write) -> None:
     varied = '[vary."friction.temperature"]\ndistribution = "uniform"\nlow = "-6 degC"\nhigh = "24 degC"\n'
     assert varied in SMALL
     file = write('[base]\nparameters = "cold.toml"\n' + SMALL.replace(varied, ""))
     (file.parent / "cold.toml").write_text('friction.temperature = "-50 degC"\n', encoding="utf-8")
-    done = campaign(file, "--only", 0)
-    assert done.exit_code == 0
-    assert done.stderr.count("warning: friction.temperature = -50 degC is outside") == 1
+    result = campaign(file, "--only", 0)
+    assert result.exit_code == 0
+    assert result.stderr.count("warning: friction.temperature = -50 degC is outside") == 1
 
 
-def test_a_follower_keeps_its_ratio(small: Study) -> None:
-    plan = small
-    values, _ = plan.varied([1.5 * plan.base["motor.torque_constant"], 0.0, 0.0])
-    assert values["motor.back_emf_constant"] == pytest.approx(1.5 * plan.base["motor.back_emf_constant"], rel=1e-15)
+def test_parameter_that_follows_another_keeps_its_ratio(small: Study) -> None:
+    values, _ = small.varied([1.5 * small.base["motor.torque_constant"], 0.0, 0.0])
+    assert values["motor.back_emf_constant"] == pytest.approx(1.5 * small.base["motor.back_emf_constant"], rel=1e-15)
 
 
 def test_any_parameter_may_vary(write: Write) -> None:
-    """Nothing is hard-coded: every number and switch of the table can be a factor at its base value."""
+    """Every number and switch of the table can be a factor at its base value, except temperatures."""
     base = load_parameters().values
     temperatures = {v.name for v in FILE_ENTRIES if v.unit == "degC"}
     levels = {name: str(value).lower() if isinstance(value, bool) else '"100 %"' for name, value in base.items()
@@ -97,7 +96,7 @@ def test_any_parameter_may_vary(write: Write) -> None:
         name: value for name, value in base.items() if name not in temperatures}
 
 
-def test_inputs_of_an_experiment(write: Write) -> None:
+def test_inputs_of_an_experiment_apply_to_it_alone(write: Write) -> None:
     text = SMALL + """
 [experiments.step.inputs.supply_voltage]
 kind = "window"
@@ -116,28 +115,27 @@ kind = "hold"
 amplitude = "1 deg"
 duration = "0.2 s"
 """
-    plan = load_study(write(text))
-    step, quiet = plan.experiments
-    numbers = {**plan.numbers, "inputs.aero_torque.value": -7.0}
-    made = excitation(step, plan.base, numbers, plan.model)
-    supply, time = made.columns["supply_voltage"], made.time - LEAD_IN
+    study = load_study(write(text))
+    step, quiet = study.experiments
+    numbers = {**study.numbers, "inputs.aero_torque.value": -7.0}
+    first = excitation(step, study.base, numbers, study.model)
+    supply, time = first.columns["supply_voltage"], first.time - LEAD_IN
     low = (time > 0.0195) & (time < 0.0295)
     assert set(supply[low]) == {19.5}
     assert set(supply[~low]) == {39.0}
     off = (time > -0.0105) & (time < 0.0045)
-    assert (made.columns["enable"] == ~off).all()
-    assert set(made.columns["aero_torque"]) == {-7.0}
-    assert set(made.command[time < -1e-9]) == {0.0}
-    assert set(made.command[time > -1e-9]) == {radians(5.0)}
-    assert made.begin == LEAD_IN
-    # What is said under one experiment is none of another's.
-    other = excitation(quiet, plan.base, numbers, plan.model)
+    assert (first.columns["enable"] == ~off).all()
+    assert set(first.columns["aero_torque"]) == {-7.0}
+    assert set(first.command[time < -1e-9]) == {0.0}
+    assert set(first.command[time > -1e-9]) == {radians(5.0)}
+    assert first.begin == LEAD_IN
+    other = excitation(quiet, study.base, numbers, study.model)
     assert set(other.columns) == {"fin_command", "aero_torque"}
     assert set(other.columns["aero_torque"]) == {-7.0}
     assert set(other.command) == {radians(1.0)}
 
 
-@pytest.mark.parametrize(("before", "after", "said"), [
+@pytest.mark.parametrize(("before", "after", "message"), [
     ("motor.torque_constant\"]\ndis", "motor.torque_konstant\"]\ndis", "did you mean motor.torque_constant"),
     ("[vary.\"friction", "[vary.motor.torque_constant]\nsd = 1\n[vary.\"friction", "appears twice"),
     ("aero_torque]", "aero_tork]", "did you mean aero_torque"),
@@ -183,14 +181,14 @@ duration = "0.2 s"
     ("[campaign]", "[campaing]\n[campaign]", "did you mean campaign"),
     ("[campaign]", "[campaign", "is not valid TOML"),
 ])
-def test_refusals_name_the_entry(write: Write, before: str, after: str, said: str) -> None:
+def test_refusals_name_the_entry(write: Write, before: str, after: str, message: str) -> None:
     assert before in SMALL
     path = write(SMALL.replace(before, after, 1))
-    with pytest.raises(EmcasError, match=re.escape(said)):
+    with pytest.raises(EmcasError, match=re.escape(message)):
         load_study(path)
 
 
-def test_all_problems_are_told_at_once(write: Write) -> None:
+def test_error_lists_all_problems(write: Write) -> None:
     text = SMALL.replace("samples = 24", "samplez = 24").replace("seed = 5", "seed = true")
     with pytest.raises(CampaignError) as caught:
         load_study(path := write(text))
@@ -208,23 +206,22 @@ def test_all_problems_are_told_at_once(write: Write) -> None:
 
 
 @pytest.mark.parametrize("odd", [*ODD[::2], *slow(*ODD[1::2])], ids=str)
-def test_what_is_of_another_kind_is_refused_or_used(write: Write, odd: str) -> None:
-    """Never a traceback, at any position."""
+def test_odd_value_at_any_position_gives_no_traceback(write: Write, odd: str) -> None:
     for text in replaced(SMALL, odd):
         with suppress(EmcasError):
             load_study(write(text))
 
 
-def test_a_combination_that_never_goes_is_refused(write: Write) -> None:
+def test_combination_that_is_always_invalid_is_refused(write: Write) -> None:
     text = SMALL + '[vary."fin.stop_angle"]\nlevels = ["10 deg"]\n'
     with pytest.raises(CampaignError, match=r"at their medians: fin\.stop_angle"):
         load_study(write(text))
 
 
-def test_a_grid_multiplies(write: Write) -> None:
+def test_grid_has_the_product_of_its_levels(write: Write) -> None:
     study = load_study(write(GRID))
     assert study.samples == 24
-    # A third of a tenth, added in floats: a rounding or two.
+    # Floating-point sums of 0.1/3: one or two roundings.
     assert study.factors[0].distribution.levels == pytest.approx((0.2, 0.7 / 3, 0.8 / 3, 0.3), rel=1e-15)
     with pytest.raises(CampaignError, match="the grid has 24 points"):
         load_study(write(GRID.replace('"grid"', '"grid"\nsamples = 7')))

@@ -1,4 +1,4 @@
-"""Samples advance together: what a row says does not depend on which others it is computed with."""
+"""Samples are computed together; a row does not depend on the other samples computed with it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from emcas_fmu.simulation import Array
 from emcas_fmu.studies.campaign import sample
 from emcas_fmu.studies.campaign.study import Study, load_study
 
-# Everything varies that may; some parameters, windows and heights cannot be, and some loads cannot be followed.
+# Parameters, inputs and experiments vary. Some samples fail: invalid parameters, windows or heights, and huge loads.
 VARIED = """
 [campaign]
 samples = 24
@@ -63,29 +63,29 @@ SAMPLES = 24
 
 @pytest.fixture(scope="module")
 def varied(tmp_path_factory: pytest.TempPathFactory) -> tuple[Study, Array, list[dict[str, object]]]:
-    """The campaign, what is drawn, and its rows one by one."""
+    """The study, the drawn values, and the rows, each computed alone."""
     path: Path = tmp_path_factory.mktemp("varied") / "varied.toml"
     path.write_text(VARIED, encoding="utf-8")
     study = load_study(path)
     drawn = study.draw(range(SAMPLES))
-    rows = computed(study, drawn, [*range(SAMPLES)])
+    rows = rows_of_samples(study, drawn, [*range(SAMPLES)])
     drawn[[row["status"] for row in rows].index("ok"), 0] = -1.0
-    rows = [computed(study, drawn, [k])[0] for k in range(SAMPLES)]
-    said = {str(row["error"]).partition(" ")[0] for row in rows}
-    assert said >= {"", "the", "a", "at", "motor.torque_constant"}, said
+    rows = [rows_of_samples(study, drawn, [k])[0] for k in range(SAMPLES)]
+    first_words = {str(row["error"]).partition(" ")[0] for row in rows}
+    assert first_words >= {"", "the", "a", "at", "motor.torque_constant"}, first_words
     return study, drawn, rows
 
 
-def computed(plan: Study, drawn: Array, indices: list[int]) -> list[dict[str, object]]:
-    return sample.listed(sample.together(plan, indices, drawn[indices], sample.subject_of(plan)))
+def rows_of_samples(study: Study, drawn: Array, indices: list[int]) -> list[dict[str, object]]:
+    return sample.listed(sample.together(study, indices, drawn[indices], sample.subject_of(study)))
 
 
 @settings(max_examples=8)
 @given(st.permutations(range(SAMPLES)), st.lists(st.integers(1, SAMPLES - 1), max_size=4, unique=True))
-def test_rows_are_those_of_samples_alone(varied: tuple[Study, Array, list[dict[str, object]]], order: list[int],
-                                         cuts: list[int]) -> None:
-    plan, drawn, alone = varied
+def test_row_computed_with_others_equals_the_row_computed_alone(
+        varied: tuple[Study, Array, list[dict[str, object]]], order: list[int], cuts: list[int]) -> None:
+    study, drawn, alone = varied
     for part in np.split(np.array(order), sorted(cuts)):
-        for index, row in zip(part.tolist(), computed(plan, drawn, part.tolist()), strict=True):
-            # Numbers are written so that they are read back to the bit.
+        for index, row in zip(part.tolist(), rows_of_samples(study, drawn, part.tolist()), strict=True):
+            # repr of a number is exact.
             assert repr(row) == repr(alone[index])

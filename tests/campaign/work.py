@@ -1,4 +1,4 @@
-"""Work for workers that come to harm."""
+"""Functions for Dask workers: one kills its worker, one is slow."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ DEADLY = 13
 
 
 def deadly(study: Study, indices: Sequence[int], drawn: Array) -> Rows:
-    """One sample ends the process it runs in."""
+    """Return the rows, but kill the process if one of the samples is DEADLY."""
     if DEADLY in indices:
         os.kill(os.getpid(), signal.SIGKILL)
     return rows(study, indices, drawn)
 
 
 def slow(study: Study, indices: Sequence[int], drawn: Array) -> Rows:
-    """Long enough for a worker to be killed meanwhile."""
+    """Return the rows after 0.2 s, during which a test can kill a worker."""
     time.sleep(0.2)
     return rows(study, indices, drawn)
