@@ -1,4 +1,4 @@
-"""What the analysis tests share: parameter sets for which the linear model is to hold, and a look at oscillations."""
+"""Parameter sets for which the linear model holds, and the growth of small oscillations in simulations."""
 
 from __future__ import annotations
 
@@ -13,43 +13,43 @@ from emcas_fmu.simulation import simulate
 
 Values = Mapping[str, Any]
 KICK = radians(5e-3)  # small enough that no limit acts until an oscillation has grown a hundredfold
-# Where a test asks what limits do to a loop that is damped well, it is this one, whatever gains are shipped.
+# A well damped loop for tests of the limits; it does not change with the shipped gains.
 LOOP: Values = {"controller.position.kp": 60.0, "controller.position.ki": 60.0, "controller.velocity.kp": 0.05,
                 "controller.antiwindup": 1.0}
 
 
-def without_friction(values: Values, **more: Any) -> dict[str, Any]:
-    """No Coulomb friction and no compensation of it: what the linear models leave out together."""
-    changed = {name: 0.0 for name in values if name.startswith("friction.coulomb.")}
-    return {**values, **changed, "friction.fin_coulomb": 0.0, "compensation.gain": 0.0,
-            **{name.replace("__", "."): value for name, value in more.items()}}
+def without_friction(values: Values, **changes: Any) -> dict[str, Any]:
+    """Return changed values without Coulomb friction and its compensation; `a__b` in a keyword means `a.b`."""
+    coulomb = {name: 0.0 for name in values if name.startswith("friction.coulomb.")}
+    return {**values, **coulomb, "friction.fin_coulomb": 0.0, "compensation.gain": 0.0,
+            **{name.replace("__", "."): value for name, value in changes.items()}}
 
 
 @pytest.fixture(scope="session")
 def smooth(values: Values) -> dict[str, Any]:
-    """The shipped set without Coulomb friction and with true angle and speed fed back."""
+    """The shipped set without Coulomb friction; angle and speed are fed back without the encoder."""
     return without_friction(values, encoder__enabled=False)
 
 
 def growth(values: Values, at: float, expected_hz: float, respond: Callable[..., Any] = simulate) -> float:
-    """How much an oscillation near a frequency [Hz] grows in a quarter of a second, after a small step."""
+    """Return the factor by which an oscillation near a frequency [Hz] grows in 0.25 s after a small step."""
     period = values["controller.sample_time"]
     run = respond({**values, "fin.start_angle": at}, 0.7, period, fin_command=at + KICK)
     time, rate = run["time"], run["fin_rate"]
 
-    def size(begin: float) -> float:
+    def amplitude(begin: float) -> float:
         inside = (time >= begin) & (time < begin + 0.25)
-        window = np.hanning(int(np.sum(inside)))  # keeps slow modes out of the band looked at
+        window = np.hanning(int(np.sum(inside)))  # keeps slow modes out of the band
         spectrum = np.fft.rfft(window * rate[inside])
         hertz = np.fft.rfftfreq(len(window), period)
         near = (hertz > 0.6 * expected_hz) & (hertz < 1.6 * expected_hz)
         return float(np.sqrt(np.sum(np.abs(spectrum[near]) ** 2)))
 
-    return size(0.4) / size(0.15)
+    return amplitude(0.4) / amplitude(0.15)
 
 
 def boundary(values: Values, name: str, at: float, expected_hz: float, low: float, high: float) -> float:
-    """The value of a parameter at which the nonlinear model's small oscillations neither grow nor decay."""
+    """Return the value of a parameter at which small oscillations of the simulation neither grow nor decay."""
     assert growth({**values, name: low}, at, expected_hz) < 1.0 < growth({**values, name: high}, at, expected_hz)
     for _ in range(12):
         middle = 0.5 * (low + high)

@@ -1,4 +1,4 @@
-"""Figures of the analysis against the FMU itself, run by fmpy."""
+"""Figures of the analysis agree with simulations of the FMU by fmpy."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Respond = Callable[..., Any]
 
 @pytest.fixture
 def respond(native: Path, values: Mapping[str, Any], capsys: pytest.CaptureFixture[str]) -> Respond:
-    """Runs the native FMU with parameters set by name, to a command held or as a function of time [s]."""
+    """Function that runs the native FMU with parameters and a command, constant or a function of time [s]."""
     def run(parameters: Mapping[str, Any], stop: float, step: float, fin_command: Any) -> Any:
         time = np.arange(round(stop / step) + 1) * step
         signals = np.zeros(len(time), dtype=[("time", float), ("fin_command", float)])
@@ -31,14 +31,14 @@ def respond(native: Path, values: Mapping[str, Any], capsys: pytest.CaptureFixtu
         changed = {name: value for name, value in parameters.items() if values[name] != value}
         found = simulate_fmu(str(native), stop_time=stop, output_interval=step, input=signals, start_values=changed,
                              output=["fin_angle", "fin_rate"])
-        capsys.readouterr()  # fmpy lists the inputs that are not given
+        capsys.readouterr()  # fmpy prints the inputs without a signal
         return found
 
     return run
 
 
 def gain(respond: Respond, parameters: Mapping[str, Any], hertz: float) -> complex:
-    """Fin angle over a small sine command, by least squares over its last 0.5 s."""
+    """Return the complex gain from a small sine command to the fin angle, fitted over the last 0.5 s."""
     found = respond(parameters, 1.5, 1e-3, lambda t: radians(0.02) * np.sin(2.0 * np.pi * hertz * t))
     late = found["time"] >= 1.0
     phase = 2.0 * np.pi * hertz * found["time"][late]
@@ -47,18 +47,17 @@ def gain(respond: Respond, parameters: Mapping[str, Any], hertz: float) -> compl
     return complex(sine, cosine) / radians(0.02)
 
 
-def test_bandwidth(respond: Respond, smooth: Mapping[str, Any]) -> None:
-    """Within the 3 % demanded: 3 % below the frequency told the gain is above -3 dB, 3 % above it is below."""
+def test_bandwidth_is_accurate_to_3_percent(respond: Respond, smooth: Mapping[str, Any]) -> None:
     linear = frequency.response(LinearActuator(smooth).command_to_angle)
     level = 10.0 ** (-3.0 / 20.0)
     inside, outside = (abs(gain(respond, smooth, share * linear.bandwidth)) for share in (0.97, 1.03))
     assert inside > level > outside
     before, after = (gain(respond, smooth, share * linear.phase_bandwidth) for share in (0.97, 1.03))
-    assert before.real > 0.0 > after.real  # a lag of 90 deg between
+    assert before.real > 0.0 > after.real  # less and more than 90 deg of lag
 
 
-def test_margins(respond: Respond, smooth: Mapping[str, Any]) -> None:
-    """Within the 5 % demanded: 5 % before a margin is used up oscillations decay, 5 % beyond they grow."""
+def test_margins_are_accurate_to_5_percent(respond: Respond, smooth: Mapping[str, Any]) -> None:
+    """Oscillations decay at 95 % of a margin and grow at 105 %."""
     margins = frequency.margins(LinearActuator(smooth).loop("reference"))
     gain_before, delay = smooth["drive.current_gain"], smooth["drive.transport_delay"]
     for share, grows in ((0.95, False), (1.05, True)):

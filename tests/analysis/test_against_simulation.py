@@ -1,4 +1,4 @@
-"""Figures of the analysis against the nonlinear model in the time domain."""
+"""Figures of the analysis agree with simulations of the nonlinear model."""
 
 from __future__ import annotations
 
@@ -32,64 +32,63 @@ def swept(values: Values, amplitude: float, at: float) -> sweep.Sweep:
 
 
 @pytest.mark.parametrize("at", ANGLES)
-def test_bandwidth_is_that_of_small_sines(smooth: Values, at: float) -> None:
+def test_bandwidth_agrees_with_simulated_small_sines(smooth: Values, at: float) -> None:
     measured = swept(smooth, radians(0.02), at).response
     linear = frequency.response(LinearActuator(smooth, at).command_to_angle)
     assert np.max(swept(smooth, radians(0.02), at).active) == 0.0
-    # Demanded are 3 %; the two viscous coefficients' mean and the lever's curvature leave far less.
+    # The differences are the mean of two viscous coefficients, and the lever's curvature.
     assert linear.bandwidth == pytest.approx(measured.bandwidth, rel=5e-3)
     assert linear.phase_bandwidth == pytest.approx(measured.phase_bandwidth, rel=5e-3)
 
 
-def test_bandwidth_with_the_encoder_is_that_of_sines_of_many_counts(values: Values) -> None:
+def test_bandwidth_with_the_encoder_agrees_with_simulated_sines(values: Values) -> None:
     p = without_friction(values)
     measured = swept(p, radians(0.3), 0.0).response  # 430 counts
     with_lag = frequency.response(LinearActuator(p).command_to_angle)
     without = frequency.response(LinearActuator({**p, "encoder.enabled": False}).command_to_angle)
     assert with_lag.bandwidth == pytest.approx(measured.bandwidth, rel=0.03)
-    # The encoder's lag of half a sample is told apart.
+    # The linear model has the encoder's lag of half a sample: without it the difference is larger.
     assert abs(with_lag.bandwidth / measured.bandwidth - 1.0) < abs(without.bandwidth / measured.bandwidth - 1.0)
 
 
-def test_frequency_response_is_that_of_small_sines(smooth: Values) -> None:
+def test_frequency_response_agrees_with_simulated_small_sines(smooth: Values) -> None:
     measured = swept(smooth, radians(0.02), radians(10.0)).response
     linear = frequency.evaluate(LinearActuator(smooth, radians(10.0)).command_to_angle, measured.frequency)
     complex_gain = measured.gain * np.exp(1j * measured.phase)
-    # The start of the sine leaves a part of the slow integral mode, below 2 % of the response after a second.
+    # After one second less than 2 % of the slow integral mode's transient is left.
     np.testing.assert_allclose(complex_gain, linear, rtol=0, atol=0.02)
 
 
 @pytest.mark.parametrize("encoder", [False, True])
 @pytest.mark.parametrize("at", [0.0, radians(15.0)])
-def test_gain_margin_is_where_oscillation_begins(values: Values, at: float, encoder: bool) -> None:
-    # With the encoder on, counts as fine as parameters allow keep the small signal free of quantisation.
+def test_oscillations_begin_at_the_gain_margin(values: Values, at: float, encoder: bool) -> None:
+    # The finest counts that the parameter allows avoid quantisation of the small signal.
     p = without_friction(values, encoder__enabled=encoder, encoder__pulses=1_000_000)
     margins = frequency.margins(LinearActuator(p, at).loop("reference"))
     gain = p["drive.current_gain"]
     found = boundary(p, "drive.current_gain", at, margins.phase_crossover, gain * margins.gain * 0.93,
                      gain * margins.gain * 1.07)
-    assert found / gain == pytest.approx(margins.gain, rel=0.01)  # demanded: 5 %
+    assert found / gain == pytest.approx(margins.gain, rel=0.01)
 
 
 @pytest.mark.parametrize("at", [0.0, radians(15.0)])
-def test_delay_margin_is_where_oscillation_begins(smooth: Values, at: float) -> None:
+def test_oscillations_begin_at_the_delay_margin(smooth: Values, at: float) -> None:
     margins = frequency.margins(LinearActuator(smooth, at).loop("reference"))
     assert margins.delay == pytest.approx(margins.phase / (2.0 * np.pi * margins.gain_crossover), rel=1e-6)
     delay = smooth["drive.transport_delay"]
     found = boundary(smooth, "drive.transport_delay", at, margins.gain_crossover, delay + 0.93 * margins.delay,
                      delay + 1.07 * margins.delay)
-    assert found - delay == pytest.approx(margins.delay, rel=0.03)  # demanded: 5 %
+    assert found - delay == pytest.approx(margins.delay, rel=0.03)
 
 
 @pytest.mark.parametrize("torque", [0.0, -60.0])
-def test_small_step_is_the_linear_one(smooth: Values, torque: float) -> None:
+def test_small_step_agrees_with_the_linear_model(smooth: Values, torque: float) -> None:
     linear = LinearActuator(smooth, radians(12.0), torque)
     step = compare({**smooth, "drive.current_offset": 0.0}, linear, 0.05)
-    # Of second order in 0.05 deg and in what is left of the load's own error, 0.1 deg or so; and the kernel's ticks.
-    assert step.difference < 1.0
+    assert step.difference < 1.0  # % of the step
 
 
-def test_limits_slow_large_steps(values: Values) -> None:
+def test_limits_slow_down_large_steps(values: Values) -> None:
     p = {**values, **LOOP}
     linear = LinearActuator(p)
     small, large = compare(p, linear, 1.0), compare(p, linear, 20.0)
@@ -104,7 +103,7 @@ def test_limits_slow_large_steps(values: Values) -> None:
     {"command.resolution": radians(1.0)},
     {"command.latency": 2.5e-3, "command.update_time": 4e-3, "command.resolution": radians(0.2),
      "fin.start_angle": radians(3.0)}], ids=lambda changes: "+".join(changes) or "plain")
-def test_replayed_controllers_put_out_what_was_recorded(values: Values, changes: Values) -> None:
+def test_replayed_controllers_compute_the_recorded_reference(values: Values, changes: Values) -> None:
     p = {**values, **LOOP, **changes}
     time = np.arange(400) * p["controller.sample_time"]
     command = np.column_stack([radians(size) * np.sin(2.0 * np.pi * 12.0 * time) for size in (0.5, 15.0)])
@@ -113,7 +112,7 @@ def test_replayed_controllers_put_out_what_was_recorded(values: Values, changes:
     motion = {name: np.column_stack([run[name] for run in runs]) for name in (
         "motor_angle", "motor_speed", "motor_current")}
     reference, raw = sweep.replay(p, np.full(2, p["fin.start_angle"]), command, motion)
-    # The value recorded at a sample was written at the one before. One rounding, multiplied by the loop, is all.
+    # A recorded reference was computed one sample earlier. A rounding, amplified by the loop, remains.
     recorded = np.column_stack([run["drive_reference"] for run in runs])
     np.testing.assert_allclose(reference[:-1], recorded[1:], rtol=0, atol=1e-9)
     assert np.max(np.abs(raw[:, 1])) > p["controller.speed_limit"] > np.max(np.abs(raw[:, 0]))
@@ -124,7 +123,7 @@ def test_bandwidth_falls_with_amplitude_where_limits_act(values: Values) -> None
     widths = [s.response.bandwidth for s in made]
     assert widths == sorted(widths, reverse=True)
     assert made[-1].onset("rate") <= widths[-1]
-    # A sine of amplitude A and frequency f asks for a rate of 2 pi f A: no limit acts where that is slow.
+    # A sine of amplitude A and frequency f has a rate of 2 pi f A: no limit acts at low rates.
     slow = made[-1].response.frequency * 2.0 * np.pi * made[-1].amplitude < radians(100.0)
     assert np.any(slow)
     assert np.max(made[-1].active[:, slow]) == 0.0
@@ -132,7 +131,7 @@ def test_bandwidth_falls_with_amplitude_where_limits_act(values: Values) -> None
 
 @pytest.mark.parametrize("model", others_slow(
     ["nonlinear", "elastic", "worm-gear", "electrohydraulic"], lambda model: model not in ("elastic", "worm-gear")))
-def test_bandwidth_is_that_of_sines_close_together(model: str) -> None:
+def test_bandwidth_agrees_with_single_sines_close_together(model: str) -> None:
     """Sines of whole periods in 4 s, a quarter of a hertz apart, each run by itself."""
     amplitude, period = radians(3.5), 1e-3
     p = load_parameters(model=model).values
@@ -151,32 +150,32 @@ def test_bandwidth_is_that_of_sines_close_together(model: str) -> None:
         ratios = np.array([ratio(f) for f in near])
         levels = 90.0 + np.degrees(np.unwrap(np.angle(ratios))) if of_phase else 3.0 + 20.0 * np.log10(np.abs(ratios))
         k = int(np.argmax(levels <= 0.0))
-        # Lines between sines 0.25 Hz here and 0.3 % there, and what is left of the start: 3e-4 at most.
+        # Interpolation between sines 0.25 Hz and 0.3 % apart, and the rest of the transient: 3e-4 at most.
         assert found == pytest.approx(near[k - 1] + 0.25 * levels[k - 1] / (levels[k - 1] - levels[k]), rel=1e-3)
 
 
-def test_limits_begin_to_act_where_they_first_do(values: Values) -> None:
+def test_onset_of_the_current_limit_agrees_with_a_dense_grid(values: Values) -> None:
     (made,) = sweep.sweeps(values, 45.0, amplitudes=(6.0,))
-    near = np.linspace(0.97, 1.03, 31) * made.onset("current")
+    near = np.linspace(0.97, 1.03, 31) * made.onset("current")  # rad/s
     (dense,) = sweep.sines(values, [(radians(6.0), 0.0, near)])
-    # Either has the first of its own frequencies at which the limit acts, 0.3 % and 0.2 % apart.
+    # The onset is the first frequency of a grid at which the limit acts; the grids have steps of 0.3 % and 0.2 %.
     assert made.onset("current") == pytest.approx(dense.onset("current"), rel=5e-3)
 
 
-def test_sweep_about_the_end_of_the_range_stays_inside(values: Values) -> None:
+def test_amplitudes_about_the_command_limit_are_reduced_to_the_range(values: Values) -> None:
     made = sweep.sweeps(values, 10.0, at=values["command.limit"], amplitudes=(1.0, 30.0))
     assert [degrees(s.amplitude) for s in made] == pytest.approx([1.0])
     assert made[0].response.gain[0] == pytest.approx(1.0, abs=0.05)  # half of it would be clipped
 
 
 @pytest.mark.parametrize("pairs", [0, 12])
-def test_rate_capability_is_the_rate_of_a_long_slew(values: Values, pairs: int) -> None:
-    # A low supply, so that it and not the controllers sets the rate; the fin is watched where it passes 5 deg.
+def test_rate_capability_agrees_with_a_long_slew(values: Values, pairs: int) -> None:
+    # At this low supply voltage the controllers do not limit the rate, which is read where the fin passes 5 deg.
     p = {**values, **LOOP, "drive.supply_voltage": 20.0, "encoder.enabled": False, "fin.start_angle": radians(-20.0),
          "motor.pole_pairs": pairs}
     run = simulate(p, 0.4, fin_command=radians(20.0), aero_torque=-50.0)
     k = int(np.argmax(run["fin_angle"] > radians(5.0)))
     expected = steady_rate(namespace(p), float(run["fin_angle"][k]), 1.0,
                            NONE.replace(aero_torque=-50.0), p["controller.speed_limit"])
-    # The ratio changes along the way, so that the motor still accelerates or slows: 2 % of the rate.
+    # The transmission ratio changes with the angle: the motor still accelerates, which is 2 % of the rate.
     assert run["fin_rate"][k] == pytest.approx(expected, rel=0.02)

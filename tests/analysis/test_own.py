@@ -1,4 +1,4 @@
-"""The linear analysis of a user's actuator: limits in its equations, singular plants, dead bands, margins both ways."""
+"""The linear analysis of a user's actuator: limits, singular plants, dead bands, and margins to both sides."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ INTEGRAL = "c.ki * (command - x.fin_angle)"
 Change = tuple[str, str]
 
 
-def rates(more: str = "", **replaced: str) -> tuple[Change, Change]:
-    """The derivatives with some replaced or appended, and the States `more` after the others."""
-    named = {"fin_angle": "x.fin_rate", "fin_rate": "torque / inertia", "current": "rise / p.motor.inductance",
-             **replaced}
-    listed = ", ".join(f'"{name}": {rate}' for name, rate in named.items())
-    return (RATES, f"return {{{listed}}}"), ('em.State("current", "A")', f'em.State("current", "A"){more}')
+def rates(states: str = "", **changes: str) -> tuple[Change, Change]:
+    """Return changes of the example's text: changed or additional derivatives, and additional states."""
+    derivatives = {"fin_angle": "x.fin_rate", "fin_rate": "torque / inertia",
+                   "current": "rise / p.motor.inductance", **changes}
+    text = ", ".join(f'"{name}": {rate}' for name, rate in derivatives.items())
+    return (RATES, f"return {{{text}}}"), ('em.State("current", "A")', f'em.State("current", "A"){states}')
 
 
 def mine(folder: Path, *changes: Change, name: str = "mine.py") -> ParameterSet:
-    """The example with texts and values changed; sweeps end at 4 deg."""
+    """Return the parameters of the example with changed texts and a command limit of 4 deg."""
     model = str(changed(folder, *changes, name=name))
     return load_parameters(model=model).with_values({"command.limit": radians(4.0)})
 
@@ -53,17 +53,17 @@ def response(parameters: ParameterSet, at: float = 0.0) -> Any:
 @pytest.mark.parametrize("limited", [
     "ops.clip(p.spring.stiffness * x.fin_angle, -0.3, 0.3)",
     "ops.maximum(ops.minimum(p.spring.stiffness * x.fin_angle, 0.3), -0.3)"])
-def test_a_limit_in_the_plant_stays_one(tmp_path: Path, limited: str) -> None:
-    """A spring whose moment ends at 0.3 N.m, 0.86 deg: inside it is the spring, beyond it no stiffness is left."""
+def test_limit_in_the_plant_is_linearised_on_each_side(tmp_path: Path, limited: str) -> None:
+    """The moment of a spring is limited to 0.3 N.m, at 0.86 deg: beyond that angle the stiffness is zero."""
     limit, plain = mine(tmp_path, (SPRING, f"- {limited}")), mine(tmp_path, name="plain.py")
     free = plain.with_values({"spring.stiffness": 0.0})
-    np.testing.assert_allclose(response(limit, 0.5), response(plain), rtol=1e-9)  # of exact Jacobians: rounding
+    np.testing.assert_allclose(response(limit, 0.5), response(plain), rtol=1e-9)  # exact Jacobians: rounding
     np.testing.assert_allclose(response(limit, 2.0), response(free), rtol=1e-9)
     assert np.max(np.abs(response(plain) / response(free) - 1.0)) > 1e-3
 
 
-def test_a_limit_in_the_controllers_stays_one(tmp_path: Path) -> None:
-    """A gain that rises with the angle from 1 to 1.5 deg."""
+def test_limit_in_the_controllers_is_linearised_on_each_side(tmp_path: Path) -> None:
+    """The gain rises with the angle, between 1 and 1.5 deg."""
     gain = f"ops.clip(x.fin_angle / {radians(1.0)!r}, 1.0, 1.5) * c.kp"
     scheduled = mine(tmp_path, ("demand = c.kp * (c.setpoint_weight * command - x.fin_angle)",
                                 f"demand = {gain} * (command - x.fin_angle)"))
@@ -73,7 +73,7 @@ def test_a_limit_in_the_controllers_stays_one(tmp_path: Path) -> None:
         np.testing.assert_allclose(response(scheduled, at), response(raised, at), rtol=1e-9)
 
 
-def test_a_command_at_the_end_of_its_range_acts_like_any_other(tmp_path: Path) -> None:
+def test_response_at_the_command_limit_is_that_at_zero(tmp_path: Path) -> None:
     parameters = mine(tmp_path)
     np.testing.assert_allclose(response(parameters, 4.0), response(parameters, 0.0), rtol=1e-9)
 
@@ -105,7 +105,7 @@ REFUSED: dict[str, tuple[tuple[Change, ...], str]] = {
 
 
 @pytest.mark.parametrize("plant", SINGULAR)
-def test_a_singular_plant_has_figures(tmp_path: Path, plant: str) -> None:
+def test_singular_plant_has_bandwidth_and_margins(tmp_path: Path, plant: str) -> None:
     parameters = mine(tmp_path, *SINGULAR[plant])
     linear = LinearActuator(parameters.values, radians(1.0), model=parameters.model)
     assert linear.stable
@@ -114,10 +114,9 @@ def test_a_singular_plant_has_figures(tmp_path: Path, plant: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_plant_without_bandwidth_and_load_response_has_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-                                                                ) -> None:
-    """The static plant is 3 dB down at no frequency up to half the sample rate, and no moment moves it."""
-    # Its angle's derivative is not its rate, which a first simulation refuses.
+def test_page_of_a_plant_without_bandwidth_and_load_response(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The gain of the static plant is above -3 dB up to half the sample rate, and a load does not move it."""
+    # The trial simulation would refuse it, since d/dt of its angle is not its rate.
     monkeypatch.setattr("emcas_fmu.runtime.trial.try_out", lambda *arguments: None)
     found = analyse(mine(tmp_path, *SINGULAR["a static plant"]))
     figures = figures_of(found)
@@ -128,14 +127,14 @@ def test_a_plant_without_bandwidth_and_load_response_has_a_page(tmp_path: Path, 
 
 
 @pytest.mark.parametrize("plant", REFUSED)
-def test_what_cannot_be_linearised_is_refused_in_a_line(tmp_path: Path, plant: str) -> None:
-    changes, says = REFUSED[plant]
-    with pytest.raises(EmcasError, match=says) as refused:
+def test_error_of_a_plant_that_cannot_be_linearised_is_one_line(tmp_path: Path, plant: str) -> None:
+    changes, message = REFUSED[plant]
+    with pytest.raises(EmcasError, match=message) as refused:
         analyse(mine(tmp_path, *changes))
     assert "\n" not in str(refused.value)
 
 
-DEAF = {
+INSENSITIVE = {
     "a dead band": ("c.kp * ops.where(ops.fabs(command - x.fin_angle) > 1e-3, command - x.fin_angle, 0.0)"
                     " - c.kd * x.fin_rate"),
     "a quantiser": ("c.kp * ops.where(command - x.fin_angle > 1e-3, 1e-3, "
@@ -145,19 +144,20 @@ DEAF = {
 
 
 @pytest.mark.parametrize("stiffness", [0.0, 20.0])
-@pytest.mark.parametrize("law", DEAF)
-def test_controllers_that_do_not_react_at_rest_say_so(tmp_path: Path, law: str, stiffness: float) -> None:
-    parameters = mine(tmp_path, (CONTROL, DEAF[law]), (INTEGRAL, "0.0")).with_values({"spring.stiffness": stiffness})
+@pytest.mark.parametrize("law", INSENSITIVE)
+def test_controllers_that_do_not_react_at_rest_are_refused(tmp_path: Path, law: str, stiffness: float) -> None:
+    parameters = mine(tmp_path, (CONTROL, INSENSITIVE[law]), (INTEGRAL, "0.0"))
+    parameters = parameters.with_values({"spring.stiffness": stiffness})
     with pytest.raises(EmcasError, match=r"the controllers do not react to a small deviation at rest .*dead band"):
         analyse(parameters)
     subject = ParameterSubject(parameters)
     chosen = load_requirements(None, parameters)
     linear = replace(chosen, requirements=tuple(r for r in chosen.requirements if r.test and r.test.kind == "linear"))
-    # Not judged, and the reason is that of the analysis.
+    # Linear requirements are not judged, for the reason that the analysis names.
     assert {(j.skipped, j.note) for j in judge(subject, linear)} == {(True, obstacle(parameters))}
 
 
-def test_a_valve_that_overlaps_says_so(tmp_path: Path) -> None:
+def test_valve_with_overlap_is_refused(tmp_path: Path) -> None:
     parameters = mine(tmp_path, ("rise = voltage(ops, u)",
                                  "rise = ops.where(ops.fabs(u.reference) > 0.1, u.reference, 0.0)"))
     for at in (0.0, 2.0):
@@ -165,19 +165,19 @@ def test_a_valve_that_overlaps_says_so(tmp_path: Path) -> None:
             analyse(parameters, radians(at))
 
 
-# -- margins of the gain, up and down ----------------------------------------------
+# -- gain margins to both sides -----------------------------------------------------
 
 
-def test_a_sampled_loop_may_cross_at_half_the_sample_rate() -> None:
-    """L = K T/(z - 1) has the pole 1 - K T: -1 at K T = 2, where the phase is -180 deg at half the sample rate."""
+def test_gain_margin_at_half_the_sample_rate() -> None:
+    """L = K T/(z - 1) has the closed-loop pole 1 - K T, which is -1 at K T = 2: an oscillation at half the rate."""
     found = frequency.margins(ct.ss([[1.0]], [[0.5]], [[1.0]], [[0.0]], 1e-3))
     assert found.gain == pytest.approx(4.0, rel=1e-12)
     assert found.phase_crossover == pytest.approx(500.0)
     assert (found.reduction, found.down_db) == (0.0, inf)
 
 
-def test_an_unstable_plant_has_a_least_gain() -> None:
-    """L = K/(s - 1) needs K > 1: a real pole leaves through s = 0."""
+def test_unstable_plant_needs_a_minimum_gain() -> None:
+    """L = K/(s - 1) is stable for K > 1: at K = 1 a real pole is at s = 0."""
     found = frequency.margins(ct.ss([[1.0]], [[4.0]], [[1.0]], [[0.0]]))
     assert (found.gain, found.up_db) == (inf, inf)
     assert found.reduction == pytest.approx(0.25, rel=1e-12)
@@ -185,8 +185,8 @@ def test_an_unstable_plant_has_a_least_gain() -> None:
     assert found.gain_db == found.down_db == pytest.approx(20.0 * log10(4.0), rel=1e-12)
 
 
-def test_both_margins_of_a_loop_that_both_ways_destabilise() -> None:
-    """L = K (s + 1)^2/(s^3 (s/20 + 1)^2): two crossings of the phase at -180 deg, from its closed form."""
+def test_loop_with_gain_margins_to_both_sides() -> None:
+    """L = K (s + 1)^2/(s^3 (s/20 + 1)^2) has a phase of -180 deg at two frequencies."""
     numerator, lag = np.polymul([1.0, 1.0], [1.0, 1.0]), np.polymul([0.05, 1.0], [0.05, 1.0])
     loop = ct.ss(ct.tf(3.0 * numerator, np.polymul([1.0, 0.0, 0.0, 0.0], lag)))
     found = frequency.margins(loop, frequency.frequencies(100.0, 0.01))
@@ -195,7 +195,7 @@ def test_both_margins_of_a_loop_that_both_ways_destabilise() -> None:
     for w, at, factor in ((fast, found.phase_crossover, found.gain),
                           (slow, found.reduction_crossover, found.reduction)):
         size = 3.0 * (1.0 + w**2) / (w**3 * (1.0 + (w / 20.0) ** 2))
-        assert at == pytest.approx(w / (2.0 * pi), rel=1e-5)  # splines between 500 frequencies a decade
+        assert at == pytest.approx(w / (2.0 * pi), rel=1e-5)  # splines between 500 frequencies per decade
         assert factor == pytest.approx(1.0 / size, rel=1e-5)
     assert found.gain_db == min(found.up_db, found.down_db)
     for factor in (found.gain, found.reduction):
@@ -203,8 +203,8 @@ def test_both_margins_of_a_loop_that_both_ways_destabilise() -> None:
         assert grows == [factor < 1.0, factor > 1.0]
 
 
-def test_the_required_margin_is_the_smaller_one(tmp_path: Path) -> None:
-    """A hinge moment that grows with the angle, of 2 kN.m/rad: with less gain the controllers do not hold the fin."""
+def test_required_gain_margin_is_the_smaller_of_both(tmp_path: Path) -> None:
+    """A hinge moment of +2 kN.m/rad diverges: with less gain the controllers do not hold the fin."""
     parameters = mine(tmp_path, (SPRING, "+ 2000.0 * x.fin_angle"))
     linear = LinearActuator(parameters.values, model=parameters.model)
     margins = frequency.margins(linear.loop("reference"))

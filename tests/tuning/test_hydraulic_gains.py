@@ -21,7 +21,7 @@ MODEL, PUMP = "electrohydraulic", "electrohydrostatic"
 GAINS = ("controller.position.kp", "controller.position.ki", "controller.position.setpoint_weight")
 
 
-def test_the_study_is_the_actuators() -> None:
+def test_shipped_study_tunes_the_actuators_gains() -> None:
     study = shipped_study(load_parameters(model=MODEL))
     assert tuple(t.name for t in study.tunables) == GAINS
     assert tuple(t.name for t in shipped_study(load_parameters()).tunables) != GAINS
@@ -30,33 +30,32 @@ def test_the_study_is_the_actuators() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("files", [(), (named_sets()["proportional-valve"],)])
-def test_the_shipped_gains_meet_every_requirement(files: tuple[Path, ...]) -> None:
+def test_shipped_gains_meet_every_requirement(files: tuple[Path, ...]) -> None:
     study = shipped_study(load_parameters(files, model=MODEL))
-    if files:  # what the set was chosen by
+    if files:  # the set was tuned for this case only
         study = replace(study, cases=tuple(case for case in study.cases if case.name == "nominal"))
     (found,) = evaluate(study, [{name: study.base.values[name] for name in GAINS}])
     assert {j.requirement: j.measured for j in found.judgements if j.share > 1.0} == {}
 
 
 @pytest.mark.slow
-def test_the_gains_of_the_pumps_loops_meet_every_requirement() -> None:
+def test_shipped_gains_of_the_pump_meet_every_requirement() -> None:
     study = shipped_study(load_parameters(model=PUMP))
     (found,) = evaluate(study, [{t.name: study.base.values[t.name] for t in study.tunables}])
     assert {(j.requirement, j.case): j.measured for j in found.judgements if j.share > 1.0} == {}
 
 
-def test_the_pump_follows_small_sines_as_its_friction_is_fed_forward() -> None:
-    """10 Hz at a tenth of a degree: -3 dB is 0.71. Without it dry friction holds the fin in such a sine."""
+def test_pump_follows_small_sines_only_with_friction_compensation() -> None:
+    """The gain at 10 Hz and 0.1 deg is above -3 dB = 0.71; without compensation dry friction holds the fin."""
     subject = ParameterSubject(load_parameters(model=PUMP))
-    fed, not_fed = np.abs(describing_function(subject, [{"compensation.gain": gain} for gain in (1.0, 0.0)],
-                                              radians(0.1), [10.0] * 2))
-    assert fed > 0.71
-    assert not not_fed >= 0.1  # or no sine at all
+    gains = [{"compensation.gain": gain} for gain in (1.0, 0.0)]
+    compensated, uncompensated = np.abs(describing_function(subject, gains, radians(0.1), [10.0] * 2))
+    assert compensated > 0.71
+    assert not uncompensated >= 0.1  # nan if the response is not a sine
 
 
-def test_the_pump_does_not_hunt_where_less_rubs_than_is_fed_forward() -> None:
-    """30 %, the spread of units of a lot: at rest under load and without the fin stays within a step of the transducer.
-    """
+def test_pump_does_not_hunt_if_friction_is_30_percent_less_than_its_compensation() -> None:
+    """30 % is the scatter of a lot. At rest, loaded or not, the fin stays within the transducer's resolution."""
     values = load_parameters(model=PUMP).with_values({"deviation.friction.coulomb": -0.3}).values
     for torque in (0.0, 50.0):
         run = simulate(values, 2.0, model=PUMP, fin_command=radians(5.0), aero_torque=torque)

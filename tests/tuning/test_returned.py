@@ -1,4 +1,4 @@
-"""What `emcas tune` returns: gains judged as they are written, never worse than those begun with."""
+"""The gains that `emcas tune` returns: judged as written, rounded, and never worse than the initial gains."""
 
 from __future__ import annotations
 
@@ -49,8 +49,10 @@ DIRECT = ("controller.kp", 2.0), ("controller.ki", 3.0)
 
 
 def study_of(model: str, tunables: Sequence[tuple[str, float]], folder: Path, start: Mapping[str, float]) -> Study:
-    """Return a small study whose bounds are the shipped gains over and times a factor, of a set that differs by
-    `start`."""
+    """Return a small study. A tunable's bounds are its shipped value divided and multiplied by its factor.
+
+    The values `start` replace those of the tuned set.
+    """
     base = load_parameters(model=model)
     units = {e.variable.name: e.variable.unit for e in base.entries}
     bounds = [f'"{name}" = {{ lower = "{base.values[name] / factor:.6g} {units[name]}", upper = '
@@ -61,14 +63,14 @@ def study_of(model: str, tunables: Sequence[tuple[str, float]], folder: Path, st
 
 
 def third_digit(gains: Mapping[str, float], study: Study) -> list[dict[str, float]]:
-    """Return gains of which one is changed by one unit of its third digit, between the bounds."""
+    """Return all gains within the bounds that differ in one gain by one unit of its third digit."""
     units = {t.name: 10.0 ** (floor(log10(gains[t.name])) - 2) for t in study.tunables}
     return [{**gains, t.name: value} for t in study.tunables
             for value in (gains[t.name] - units[t.name], gains[t.name] + units[t.name]) if t.lower <= value <= t.upper]
 
 
-def written_again(result: Result, folder: Path) -> Evaluation:
-    """Return what the gains of the written file do, read and judged afresh."""
+def evaluation_of_file(result: Result, folder: Path) -> Evaluation:
+    """Write the tuned gains, read the file, and return its evaluation."""
     write_tuned(result, folder / "tuned.toml", "emcas tune")
     values = load_parameters(folder / "tuned.toml", model=result.study.base.model).values
     (found,) = evaluate(result.study, [{t.name: float(values[t.name]) for t in result.study.tunables}])
@@ -80,10 +82,10 @@ def written_again(result: Result, folder: Path) -> Evaluation:
     ("nonlinear", LOOPS), (MODEL, DIRECT),
     *slow(*((name, LOOPS) for name in ("worm-gear", "clutch", "electrohydraulic", "electrohydrostatic")))],
     ids=lambda value: Path(value).stem if isinstance(value, str) else "")
-def test_never_worse_than_begun_with_and_as_written(
+def test_returned_gains_are_no_worse_than_the_initial_ones(
         model: str, tunables: Sequence[tuple[str, float]], seed: int, tmp_path: Path,
         monkeypatch: pytest.MonkeyPatch) -> None:
-    """From the shipped gains, and from the best of a search in all digits, which few rounded ones match."""
+    """The search begins with the shipped gains, and again with the unrounded best gains of the first search."""
     monkeypatch.setattr(optimise, "_POPULATION", 4)
     monkeypatch.setattr(optimise, "_LOCAL", 6)
     first = tune(study_of(model, tunables, tmp_path, {}), seed, 1)
@@ -91,7 +93,7 @@ def test_never_worse_than_begun_with_and_as_written(
     again = tune(study_of(model, tunables, tmp_path, exact.gains), seed, 1)
     for result in (first, again):
         assert result.best.objective <= result.before.objective
-        assert written_again(result, tmp_path) == result.best
+        assert evaluation_of_file(result, tmp_path) == result.best
     assert again.before == exact
 
 
@@ -99,17 +101,17 @@ def test_never_worse_than_begun_with_and_as_written(
 
 
 def landscape(share: Sequence[float], cliff: float) -> Judge:
-    """Return an evaluation: a valley over the position gain that ends at a cliff, a slope over the velocity gain."""
-    def judged(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluation]:
-        def one(each: Mapping[str, float]) -> Evaluation:
-            across, along = (each[t.name] / t.upper for t in study.tunables)
-            valley = 1.0 + share[0] * (1.0 - across) + share[1] * (1.0 - along) ** 2
-            return Evaluation(dict(each), (Judgement("settling", "nominal", valley, valley + (
-                0.7 if across > cliff else 0.0)),))
+    """Return an objective that falls with both gains, and jumps up where the first gain exceeds `cliff`."""
+    def judge(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluation]:
+        def evaluation(values: Mapping[str, float]) -> Evaluation:
+            first, second = (values[t.name] / t.upper for t in study.tunables)
+            value = 1.0 + share[0] * (1.0 - first) + share[1] * (1.0 - second) ** 2
+            return Evaluation(dict(values), (Judgement("settling", "nominal", value, value + (
+                0.7 if first > cliff else 0.0)),))
 
-        return [one(each) for each in gains]
+        return [evaluation(values) for values in gains]
 
-    return judged
+    return judge
 
 
 PAIR = ("controller.position.kp", 1.3), ("controller.velocity.kp", 1.2)
@@ -119,9 +121,10 @@ PAIR = ("controller.position.kp", 1.3), ("controller.velocity.kp", 1.2)
 @given(share=st.tuples(st.floats(0.01, 2.0), st.floats(0.0, 2.0)), cliff=st.floats(0.8, 1.0),
        start=st.tuples(st.floats(0.75, 1.3), st.floats(0.8, 1.2)), seed=st.integers(0, 5),
        interrupted=st.none() | st.integers(1, 60))
-def test_a_cliff_is_kept_away_from(share: tuple[float, float], cliff: float, start: tuple[float, float], seed: int,
-                                   interrupted: int | None, tmp_path: Path) -> None:
-    """Ctrl-C after any number of sets of gains too."""
+def test_returned_gains_keep_away_from_a_cliff(
+        share: tuple[float, float], cliff: float, start: tuple[float, float], seed: int, interrupted: int | None,
+        tmp_path: Path) -> None:
+    """Also if Ctrl-C ends the search after any number of evaluations."""
     shipped = load_parameters().values
     study = study_of("nonlinear", PAIR, tmp_path, {
         name: shipped[name] * factor for (name, _), factor in zip(PAIR, start, strict=True)})
@@ -138,14 +141,14 @@ def test_a_cliff_is_kept_away_from(share: tuple[float, float], cliff: float, sta
         patch.setattr(optimise, "evaluate", judged)
         try:
             result = tune(study, seed, 3)
-        except KeyboardInterrupt:  # before there was anything
+        except KeyboardInterrupt:  # before the first evaluation
             assert interrupted == 1
             return
     assert result.best.objective <= result.before.objective
     assert [result.best] == judge(study, [result.best.gains])
     largest = max(e.objective for e in judge(study, [result.best.gains, *third_digit(result.best.gains, study)]))
-    if result.nearby == result.nearby:  # nan: Ctrl-C came before its neighbours were judged
-        assert result.nearby == pytest.approx(largest, rel=1e-9)  # the same neighbours, but for their last bit
+    if result.nearby == result.nearby:  # nan if Ctrl-C came before the neighbours were judged
+        assert result.nearby == pytest.approx(largest, rel=1e-9)  # the neighbours differ by rounding
     if not result.stopped:
         worst = max(e.objective for e in judge(study, [result.before.gains, *third_digit(result.before.gains, study)]))
         assert largest <= worst * (1.0 + 1e-9)
@@ -153,16 +156,16 @@ def test_a_cliff_is_kept_away_from(share: tuple[float, float], cliff: float, sta
         assert result.best.gains == rounded(result.best.gains, study)
 
 
-def test_the_best_of_all_digits_is_not_returned_where_its_rounding_collapses(
+def test_best_gains_are_not_returned_if_rounding_makes_them_much_worse(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The valley ends at 99.99 % of the upper bound, whose third digit lies beyond."""
+    """The cliff is at 99.99 % of the upper bound: three digits are too coarse for it."""
     monkeypatch.setattr(optimise, "evaluate", landscape((0.2, 0.1), 0.9999))
     result = tune(study_of("nonlinear", PAIR, tmp_path, {}), 1, 12)
     assert min(e.objective for e in result.evaluated) < result.best.objective <= result.before.objective
     assert result.nearby < 1.1
 
 
-def test_gains_that_nothing_beats_are_returned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_initial_gains_are_returned_if_none_are_better(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = study_of("nonlinear", PAIR, tmp_path, {"controller.position.kp": 51.2345678})
 
     def judged(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluation]:
@@ -193,11 +196,11 @@ def test_rounded_gains_lie_between_their_bounds(tmp_path: Path) -> None:
     assert optimise.neighbours({t.name: 53.962}, study) == []
 
 
-# -- what is shown -------------------------------------------------------------------------
+# -- page and messages -----------------------------------------------------------------------
 
 
 def shown(study: Study, measured: float, folder: Path) -> tuple[Result, str, dict[str, Any]]:
-    """Return a result whose first requirement was measured so [SI], its page and its JSON."""
+    """Return a result whose first requirement has the measured value [SI], its page and its JSON."""
     requirement = study.requirements[0]
     gains = {t.name: 51.23456 for t in study.tunables}
     judgement = Judgement(requirement.name, "nominal", measured, share(requirement, measured))
@@ -211,7 +214,7 @@ def shown(study: Study, measured: float, folder: Path) -> tuple[Result, str, dic
 
 
 @pytest.mark.parametrize("off", [-1e-3, -1e-12, 0.0, 1e-12, 1e-8, 2e-6, 3e-5, 1e-4, 4e-3, 0.3])
-def test_what_is_shown_as_its_limit_meets_it(off: float, tmp_path: Path) -> None:
+def test_figure_shown_equal_to_its_limit_meets_it(off: float, tmp_path: Path) -> None:
     study = study_of("nonlinear", PAIR[:1], tmp_path, {})
     result, page, document = shown(study, study.requirements[0].limit * (1.0 + off), tmp_path)
     row = rows(result, result.best)[0]
@@ -231,14 +234,14 @@ def test_what_is_shown_as_its_limit_meets_it(off: float, tmp_path: Path) -> None
 
 @pytest.mark.parametrize(("off", "words"), [
     (0.3, "has a margin of −30 %;"), (1.5e6, "has a margin of −900 % or less;")])
-def test_the_margin_of_a_figure_far_beyond_its_limit_is_a_bound(off: float, words: str, tmp_path: Path) -> None:
+def test_margin_far_beyond_the_limit_is_shown_as_a_bound(off: float, words: str, tmp_path: Path) -> None:
     study = study_of("nonlinear", PAIR[:1], tmp_path, {})
     result, _, _ = shown(study, study.requirements[0].limit * (1.0 + off), tmp_path)
     assert words in verdict(result)
 
 
 @pytest.mark.drawn
-def test_page_and_json_have_the_gains_and_the_objective_that_are_returned(tmp_path: Path) -> None:
+def test_page_and_json_have_the_returned_gains_and_objective(tmp_path: Path) -> None:
     study = study_of("nonlinear", PAIR[:1], tmp_path, {})
     result, page, document = shown(study, 0.9 * study.requirements[0].limit, tmp_path)
     assert "51.23456" in page
@@ -248,8 +251,7 @@ def test_page_and_json_have_the_gains_and_the_objective_that_are_returned(tmp_pa
     assert f"{numbers.number(result.best.objective)} returned" in page
 
 
-def test_figures_beside_a_limit_are_those_of_everywhere() -> None:
-    """As `number` has them; with more digits where it has the limit's own."""
+def test_figure_beside_a_limit_has_more_digits_only_if_it_would_look_equal() -> None:
     for value, limit in pairwise((35.0, 34.99961, 0.0, 1.2345678, float("inf"), 12345.6, -3.0)):
         assert numbers.beside(value, limit) == numbers.number(value) or numbers.number(value) == numbers.number(limit)
     assert numbers.beside(34.99961, 35.0) == "34.9996"
@@ -258,13 +260,13 @@ def test_figures_beside_a_limit_are_those_of_everywhere() -> None:
         "0 %", "0 %", "12 %", "−0.01 %", "0.002 %", "−74 %"]
 
 
-def test_the_command_returns_no_worse_and_says_so(tmp_path: Path) -> None:
+def test_command_returns_no_worse_gains(tmp_path: Path) -> None:
     study_of("nonlinear", LOOPS, tmp_path, {})
     figures, made = tmp_path / "t.json", tmp_path / "tuned.toml"
-    done = CliRunner().invoke(app, ["tune", str(tmp_path / "study.toml"), "--generations", "1", "--workers", "1",
-                                    "--json", str(figures), "--output", str(made), "--journal",
-                                    str(tmp_path / "journal.jsonl")])
-    assert done.exit_code in (0, 1), done.output
+    result = CliRunner().invoke(app, ["tune", str(tmp_path / "study.toml"), "--generations", "1", "--workers", "1",
+                                      "--json", str(figures), "--output", str(made), "--journal",
+                                      str(tmp_path / "journal.jsonl")])
+    assert result.exit_code in (0, 1), result.output
     objective = json.loads(figures.read_text(encoding="utf-8"))["objective"]
     assert objective["returned"] <= objective["before"]
     study = load_study(tmp_path / "study.toml", load_parameters())
@@ -272,4 +274,4 @@ def test_the_command_returns_no_worse_and_says_so(tmp_path: Path) -> None:
     (afresh,) = evaluate(study, [{t.name: float(values[t.name]) for t in study.tunables}])
     assert afresh.objective == objective["returned"]
     assert Journal(tmp_path / "journal.jsonl", study).find(afresh.gains) == afresh
-    assert "returned" in done.output
+    assert "returned" in result.output

@@ -1,4 +1,4 @@
-"""The set `two-degrees-of-freedom` of every actuator with a feed-forward, judged by its study; studies over others."""
+"""The set `two-degrees-of-freedom` of every actuator with feed-forward meets its study; studies based on others."""
 
 from __future__ import annotations
 
@@ -21,42 +21,41 @@ from emcas_fmu.support.files import models_directory, named_sets
 from tests.marks import others_slow, slow
 
 SET = "two-degrees-of-freedom"
-FOLLOWING = [name for name in NAMES if POSITION_LOOP in get(name).provides]
-FED_FORWARD = [name for name in FOLLOWING if get(name).feed_forward is not None]
+WITH_POSITION_LOOP = [name for name in NAMES if POSITION_LOOP in get(name).provides]
+WITH_FEED_FORWARD = [name for name in WITH_POSITION_LOOP if get(name).feed_forward is not None]
 STUDIES = models_directory() / "tuning"
 
 
 def _missed(study: Study) -> list[str]:
-    """The requirements that the study's set misses, with case and figure."""
+    """Return the requirements that the study's set misses, with case and measured value."""
     (evaluation,) = evaluate(study, [{}])
     return [f"{j.requirement} in {j.case}: {j.measured:.4g}" for j in evaluation.judgements if not j.met]
 
 
-@pytest.mark.parametrize("kind", others_slow(FED_FORWARD, lambda name: name in (NONLINEAR, "electrohydraulic")))
-def test_the_nominal_actuator_meets_its_study(kind: str) -> None:
+@pytest.mark.parametrize("kind", others_slow(WITH_FEED_FORWARD, lambda name: name in (NONLINEAR, "electrohydraulic")))
+def test_nominal_actuator_meets_its_study(kind: str) -> None:
     study = shipped_study(load_parameters(SET, model=kind))
     assert not _missed(replace(study, cases=study.cases[:1], requirements=tuple(
         r for r in study.requirements if r.cases is None or "nominal" in r.cases)))
 
 
-@pytest.mark.parametrize("kind", slow(*FED_FORWARD))
+@pytest.mark.parametrize("kind", slow(*WITH_FEED_FORWARD))
 def test_every_case_meets_its_study(kind: str) -> None:
     study = shipped_study(load_parameters(SET, model=kind))
     assert len(study.cases) >= 5
     assert not _missed(study)
 
 
-@pytest.mark.parametrize("kind", slow(*FED_FORWARD))
-def test_a_set_meets_what_is_required_of_every_actuator(kind: str) -> None:
-    """As `emcas validate` judges it: at rest it is at rest, and it stays sound after use."""
+@pytest.mark.parametrize("kind", slow(*WITH_FEED_FORWARD))
+def test_set_meets_the_shipped_requirements(kind: str) -> None:
     parameters = load_parameters(SET, model=kind)
     judged = judge(ParameterSubject(parameters), load_requirements(None, parameters))
     assert [f"{j.name}: {j.measured:.4g}" for j in missed(judged)] == []
 
 
-@pytest.mark.parametrize("kind", FED_FORWARD)
-def test_a_set_is_within_its_study_and_that_asks_for_margins(kind: str) -> None:
-    """A search that goes on from the set begins within its bounds; 45 deg and 8 dB are those of a robust loop."""
+@pytest.mark.parametrize("kind", WITH_FEED_FORWARD)
+def test_set_is_within_the_bounds_of_a_study_with_sufficient_margins(kind: str) -> None:
+    """A search that begins with the set begins within the bounds; 45 deg and 8 dB are usual for a robust loop."""
     parameters = load_parameters(SET, model=kind)
     study = shipped_study(parameters)
     assert all(t.lower <= float(parameters.values[t.name]) <= t.upper for t in study.tunables)
@@ -65,15 +64,15 @@ def test_a_set_is_within_its_study_and_that_asks_for_margins(kind: str) -> None:
     assert limits["gain_margin"] >= 8.0
 
 
-@pytest.mark.parametrize("kind", others_slow(FED_FORWARD, lambda name: name in (NONLINEAR, "ozkan")))
-def test_its_final_values_are_analysed(kind: str) -> None:
+@pytest.mark.parametrize("kind", others_slow(WITH_FEED_FORWARD, lambda name: name in (NONLINEAR, "ozkan")))
+def test_final_values_of_the_set_are_stable(kind: str) -> None:
     parameters = load_parameters(SET, model=kind)
     assert all(row["stable"] for row in final_values(parameters.values, model=parameters.model).values())
 
 
-@pytest.mark.parametrize("kind", [name for name in NAMES if name in FOLLOWING or name == "second-order"])
-def test_a_kind_has_the_set_or_is_told_which_have(kind: str) -> None:
-    if kind in FED_FORWARD:
+@pytest.mark.parametrize("kind", [name for name in NAMES if name in WITH_POSITION_LOOP or name == "second-order"])
+def test_kind_has_the_set_or_the_error_lists_the_kinds_that_have_it(kind: str) -> None:
+    if kind in WITH_FEED_FORWARD:
         found = load_parameters(SET, model=kind)
         assert found.model in (f"{kind}+trajectory", f"{kind}+filters+trajectory")
         assert [name for name, _ in found.files] == [SET]
@@ -83,33 +82,33 @@ def test_a_kind_has_the_set_or_is_told_which_have(kind: str) -> None:
         load_parameters(SET, model=kind)
 
 
-def test_no_file_of_a_kind_is_left_over() -> None:
+def test_every_file_of_a_named_set_belongs_to_a_kind() -> None:
     folders = [path.with_suffix("") for path in named_sets().values()]
-    assert {file.stem for folder in folders for file in folder.glob("*.toml")} <= {*FED_FORWARD}
+    assert {file.stem for folder in folders for file in folder.glob("*.toml")} <= {*WITH_FEED_FORWARD}
     assert {path.name for path in (models_directory() / "sets").iterdir() if path.is_dir()} <= {*named_sets()}
 
 
-@pytest.mark.parametrize("kind", others_slow(FED_FORWARD, lambda name: name in (
+@pytest.mark.parametrize("kind", others_slow(WITH_FEED_FORWARD, lambda name: name in (
     NONLINEAR, "electrohydraulic", "servo")))
-def test_a_motion_changes_no_margin(kind: str) -> None:
-    """The generator is outside the loop that is opened at the reference; 1e-9: two linearisations of one loop."""
+def test_trajectory_generator_changes_no_margin(kind: str) -> None:
+    """The generator is outside the loop. 1e-9 is the rounding of two linearisations."""
     base = load_parameters(model=f"{kind}+trajectory")
-    base = base.with_values(base.having({"drive.current_offset": 0.0}))  # at rest without an error of the integral
-    plain, moved = (measure(Test("linear"), ParameterSubject(base.with_values(
+    base = base.with_values(base.having({"drive.current_offset": 0.0}))  # no integral at rest
+    without, with_generator = (measure(Test("linear"), ParameterSubject(base.with_values(
         {"trajectory.natural_frequency": frequency})), [{}], ("gain_margin", "phase_margin"), ("minimum",) * 2)[0]
         for frequency in (0.0, 60.0))
-    assert moved == pytest.approx(plain, rel=1e-9)
+    assert with_generator == pytest.approx(without, rel=1e-9)
 
 
-@pytest.mark.parametrize("kind", FOLLOWING)
-def test_a_motion_with_limits_of_another_actuator_is_warned_about(kind: str) -> None:
-    bare = load_parameters(model=f"{kind}+trajectory")
-    assert not any("trajectory" in warning for warning in bare.warnings)
-    moved = bare.with_values({"trajectory.natural_frequency": 100.0})
-    warned = [warning for warning in moved.warnings if "trajectory.rate_limit, " in warning]
+@pytest.mark.parametrize("kind", WITH_POSITION_LOOP)
+def test_warning_if_the_generator_has_the_limits_of_another_actuator(kind: str) -> None:
+    unused = load_parameters(model=f"{kind}+trajectory")
+    assert not any("trajectory" in warning for warning in unused.warnings)
+    used = unused.with_values({"trajectory.natural_frequency": 100.0})
+    warned = [warning for warning in used.warnings if "trajectory.rate_limit, " in warning]
     assert bool(warned) == (kind != NONLINEAR)
     assert all(f"{kind} may be slower or faster; set them, or begin with a set" in warning for warning in warned)
-    if kind in FED_FORWARD:
+    if kind in WITH_FEED_FORWARD:
         assert not any("trajectory" in warning for warning in load_parameters(SET, model=kind).warnings)
 
 
@@ -132,16 +131,16 @@ source = "estimate"
 """
 
 
-def _over(folder: Path, text: str) -> Study:
+def _study_based_on_other(folder: Path, text: str) -> Study:
     (folder / "below.toml").write_text(BELOW, encoding="utf-8")
     (folder / "mine.toml").write_text(text, encoding="utf-8")
     return load_study(folder / "mine.toml", load_parameters())
 
 
-def test_a_study_over_another_has_its_requirements_but_those_it_names(tmp_path: Path) -> None:
+def test_study_based_on_another_leaves_out_the_named_requirements(tmp_path: Path) -> None:
     mine = 'over = "below.toml"\nwithout = ["second"]\n' + BELOW.split("[cases.nominal]")[1].split(
         "[[requirements]]\nname = \"second\"")[0].replace("3 %", "4 %")
-    study = _over(tmp_path, mine)
+    study = _study_based_on_other(tmp_path, mine)
     assert [(r.name, r.limit) for r in study.requirements] == [("first", 0.04)]
     assert [t.name for t in study.tunables] == ["controller.position.kp"]
 
@@ -153,6 +152,6 @@ def test_a_study_over_another_has_its_requirements_but_those_it_names(tmp_path: 
     ('over = "below.toml"\nrequirements = [1]', "expected tables"),
     ('over = "none.toml"', r"none\.toml: cannot be read"),
 ])
-def test_a_study_over_another_that_cannot_be(tmp_path: Path, text: str, words: str) -> None:
+def test_error_of_a_study_based_on_another(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(StudyError, match=words):
-        _over(tmp_path, text)
+        _study_based_on_other(tmp_path, text)

@@ -1,4 +1,4 @@
-"""What of the shipped studies works without the packages of the extra `analysis`."""
+"""Shipped studies without the packages of the extra `analysis`."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from emcas_fmu.studies.tuning.study import shipped_cases, shipped_study
 
 @pytest.fixture(autouse=True)
 def _absent(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "control", None)  # as if it were not installed
+    monkeypatch.setitem(sys.modules, "control", None)  # import fails
 
 
-def test_cases_of_the_report_and_starter_files_are_the_same() -> None:
+def test_cases_and_starter_files_are_available() -> None:
     base = load_parameters()
     cases, file = tolerances(Rig(ParameterSubject(base)))
     assert file == "models/tuning.toml"
@@ -28,7 +28,7 @@ def test_cases_of_the_report_and_starter_files_are_the_same() -> None:
     assert TUNING in starter_files(base)
 
 
-def test_the_message_names_the_package() -> None:
+def test_error_names_the_missing_package() -> None:
     with pytest.raises(EmcasError, match="need the Python package control") as refused:
         shipped_study(load_parameters())
     assert "do not fit" not in str(refused.value)
