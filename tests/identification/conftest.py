@@ -1,4 +1,4 @@
-"""Bench records for the identifications: the shipped ones, and fresh ones of random actuators."""
+"""Bench records for the identification: shipped records, and new records of random actuators."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from .truths import draw_truth
 BENCH = Path(__file__).resolve().parents[2] / "examples" / "identification_bench" / "records"
 IDENTIFY: Mapping[str, Callable[..., Identification]] = {
     "friction": friction.identify, "drive": drive.identify, "inertia": inertia.identify, "backlash": backlash.identify}
-# What the experiments take for known: assembly and winding are measured otherwise.
+# Parameters that the experiments assume to be known from other measurements of assembly and winding.
 KNOWN = ("kinematics.initial_angle", "motor.resistance", "motor.inductance")
 
 
 class Recovery(NamedTuple):
-    """Errors in sigmas and sigmas relative to the truth, a row per actuator, a column per name."""
+    """Errors in sigmas `z`, and sigmas relative to the true values: one row per actuator, one column per name."""
 
     names: list[str]
     z: Any
@@ -35,17 +35,16 @@ class Recovery(NamedTuple):
 
 
 def emcas(*arguments: object) -> Result:
-    """The command carried out."""
     return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
 def shipped(kind: str) -> list[Path]:
-    """The sample records of an experiment."""
+    """Return the shipped records of an experiment."""
     return sorted(BENCH.glob(f"{kind}*.csv"))
 
 
 def recover(kind: str, seeds: range, folder: Path, **choice: Any) -> Recovery:
-    """Identify random actuators from fresh records; the base set has only the inputs of the experiment."""
+    """Identify random actuators from new records; of their parameters the base set contains only the known ones."""
     rows, sizes = [], []
     names: list[str] = []
     for seed in seeds:
@@ -69,5 +68,5 @@ def recover(kind: str, seeds: range, folder: Path, **choice: Any) -> Recovery:
 
 @pytest.fixture(scope="session")
 def identified() -> Mapping[str, Identification]:
-    """The shipped records, identified with the default set as base."""
+    """The results of all shipped records with the default set as base."""
     return {kind: identify(shipped(kind), load_parameters()) for kind, identify in IDENTIFY.items()}

@@ -1,4 +1,4 @@
-"""Calibration: random actuators of every kind are recovered, with errors as large as stated."""
+"""Calibration identifies random actuators of every kind; the errors are as large as the stated sigmas."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ KINDS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "nonlinear+heat": (("motor.resistance", "drive.current_gain"), ("motor_current", "motor_voltage")),
     "elastic+supply": (("inertia.motor", "drive.current_gain"), ("fin_angle", "motor_current")),
 }
-NOISE = 3e-3  # of an output's deviation: more than the roughness by quantisation
+NOISE = 3e-3  # relative to an output's standard deviation; larger than its quantisation
 
 
 def write(path: Path, columns: Mapping[str, tuple[Any, str]]) -> Path:
-    """Write columns with their units."""
+    """Write columns with their units to a file and return its path."""
     np.savetxt(path, np.array([values for values, _ in columns.values()]).T, delimiter=",", fmt="%.9g", comments="",
                header=",".join(f"{name} [{unit}]" for name, (_, unit) in columns.items()))
     return path
@@ -58,7 +58,7 @@ def write(path: Path, columns: Mapping[str, tuple[Any, str]]) -> Path:
 
 def records(truth: ParameterSet, outputs: Sequence[str], folder: Path, rng: np.random.Generator,
             count: int = 2) -> list[Path]:
-    """Records of a sweep and of steps, in the outputs' display units, with white noise."""
+    """Write records of square waves and sweeps with white noise, in the outputs' display units."""
     variables = {v.name: v for v in truth.actuator.outputs}
     time, paths = np.arange(ROWS) * STEP, []
     for k in range(count):
@@ -76,14 +76,14 @@ def records(truth: ParameterSet, outputs: Sequence[str], folder: Path, rng: np.r
 
 
 def random_truth(base: ParameterSet, free: Sequence[str], rng: np.random.Generator) -> ParameterSet:
-    """The base set with the free parameters changed by up to 30 %."""
+    """Return the base set with free parameters changed by up to 30 %."""
     return base.with_values({name: float(base.values[name]) * rng.uniform(0.75, 1.3) for name in free})
 
 
 def errors(kind: str, seed: int, folder: Path, every: bool = False) -> list[float]:
-    """Errors of the estimates of a random actuator, in their stated sigmas, from two outputs.
+    """Return the errors of a random actuator's estimates in stated sigmas, from the outputs of KINDS or from `every`.
 
-    They are from `every` output if no problem is reported then.
+    The list is empty if every output is compared and a problem is reported.
     """
     free, outputs = KINDS[kind]
     rng, base = np.random.default_rng(seed), load_parameters(model=kind)
@@ -97,23 +97,23 @@ def errors(kind: str, seed: int, folder: Path, every: bool = False) -> list[floa
 
 
 @pytest.mark.parametrize("kind", ["nonlinear", "linear", "second-order"])
-def test_a_random_actuator_is_recovered(kind: str, tmp_path: Path) -> None:
+def test_random_actuator_is_identified(kind: str, tmp_path: Path) -> None:
     z = errors(kind, 1, tmp_path)
-    assert np.abs(z).max() < 4.0  # sigmas; of eight values one in 2000 would be beyond
+    assert np.abs(z).max() < 4.0  # sigmas: one in 2000 sets of eight normal errors exceeds this
 
 
 @pytest.mark.slow
 def test_errors_of_forty_actuators_are_as_large_as_stated(tmp_path: Path) -> None:
-    often = {"nonlinear": 8, "linear": 3, "second-order": 3}
-    chosen = [(kind, seed) for kind in KINDS for seed in range(often.get(kind, 2))]
+    counts = {"nonlinear": 8, "linear": 3, "second-order": 3}
+    chosen = [(kind, seed) for kind in KINDS for seed in range(counts.get(kind, 2))]
     z = np.concatenate([errors(kind, seed, tmp_path) for kind, seed in chosen])
     # The rms of 96 standard normal numbers is 1 +- 0.07.
     assert len(chosen) == 40
     assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.15)
 
 
-def test_every_output_may_be_compared(tmp_path: Path) -> None:
-    """What is computed of one quantity repeats its errors, and a controller's chatter has many minima of the delay."""
+def test_random_actuator_is_identified_from_all_outputs(tmp_path: Path) -> None:
+    """Outputs computed from one quantity have the same errors; the delay has many local minima."""
     z = errors("nonlinear", 2, tmp_path, every=True)
     assert len(z) == 4
     assert np.abs(z).max() < 4.0  # sigmas, as above
@@ -121,17 +121,17 @@ def test_every_output_may_be_compared(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_errors_are_as_large_as_stated_with_every_output(tmp_path: Path) -> None:
-    often = {"nonlinear": 4, "linear": 6, "second-order": 6, "nonlinear+stribeck": 3, "worm-gear": 3}
-    z = np.concatenate([errors(kind, seed, tmp_path, every=True) for kind, count in often.items()
+    counts = {"nonlinear": 4, "linear": 6, "second-order": 6, "nonlinear+stribeck": 3, "worm-gear": 3}
+    z = np.concatenate([errors(kind, seed, tmp_path, every=True) for kind, count in counts.items()
                         for seed in range(count)])
-    assert len(z) >= 46  # of 52: a search may end in another minimum, which is reported as a poor fit
-    # The rms of 50 standard normal numbers is 1 +- 0.10: 1.5 of these. Counting outputs as independent gave 5.
+    assert len(z) >= 46  # of 52: a search may end in a local minimum, which is reported as a poor fit
+    # The rms of 50 standard normal numbers is 1 +- 0.10; 1.5 times that. With independent outputs it would be 5.
     assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.15)
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[ParameterSet, list[Path]]:
-    """A random second-order actuator, and records of it."""
+    """A random second-order actuator and three of its records."""
     rng, base = np.random.default_rng(3), load_parameters(model="second-order")
     truth = random_truth(base, KINDS["second-order"][0], rng)
     return truth, records(truth, ("fin_angle", "fin_rate"), tmp_path_factory.mktemp("recorded"), rng, 3)
@@ -141,7 +141,7 @@ FREE = "second_order.natural_frequency,second_order.damping"
 
 
 def changed(path: Path, folder: Path, **columns: Any) -> Path:
-    """A record with some columns replaced by functions of them, written as `fin_angle`=lambda ..."""
+    """Write a record whose columns are changed by the functions, such as `fin_angle=lambda x: -x`; return its path."""
     head = path.read_text().splitlines()[0].split(",")
     table = dict(zip(head, np.loadtxt(path, delimiter=",", skiprows=1).T, strict=True))
     for name, change in columns.items():
@@ -152,16 +152,16 @@ def changed(path: Path, folder: Path, **columns: Any) -> Path:
     return new
 
 
-def test_the_command_writes_what_the_function_returns(recorded: tuple[ParameterSet, list[Path]],
-                                                      tmp_path: Path) -> None:
+def test_command_writes_the_results_of_the_function(recorded: tuple[ParameterSet, list[Path]],
+                                                    tmp_path: Path) -> None:
     truth, paths = recorded
     file, page, figures = (tmp_path / name for name in ("mine.toml", "fit.html", "fit.json"))
-    done = emcas("calibrate", *paths[:3], "--model", "second-order", "--free", FREE, "--hold-out", paths[2], "-o", file,
-                 "--report", page, "--json", figures)
-    assert done.exit_code == 0, done.output
-    assert all(f"{paths[2].name}, held out" in done.output and f" {name} " in done.output  # of 80 columns, unbroken
+    command = emcas("calibrate", *paths[:3], "--model", "second-order", "--free", FREE, "--hold-out", paths[2],
+                    "-o", file, "--report", page, "--json", figures)
+    assert command.exit_code == 0, command.output
+    assert all(f"{paths[2].name}, held out" in command.output and f" {name} " in command.output  # lines are not broken
                for name in ("fin_angle", "fin_rate", "second_order.natural_frequency"))
-    assert str(file) in done.output
+    assert str(file) in command.output
     result = api.calibrate(paths[:2], load_parameters(model="second-order"), FREE.split(","), paths[2:])
     document = json.loads(figures.read_text())
     loaded = load_parameters(file, model="second-order")
@@ -180,9 +180,8 @@ def test_the_command_writes_what_the_function_returns(recorded: tuple[ParameterS
         assert f"; {c.variable.name} rms {c.figures['rms']:.3g} {c.unit}, largest" in use
     held_out = [c for c in document["comparisons"] if c["held_out"]]
     assert {c["file"] for c in held_out} == {paths[2].name}
-    assert {c["output"] for c in held_out} == {
-        "fin_angle", "fin_rate"}
-    # What is left is the noise, of the record that was not fitted, too.
+    assert {c["output"] for c in held_out} == {"fin_angle", "fin_rate"}
+    # The residuals are the noise, also of the record that was not fitted.
     assert all(c["fit_percent"] > 100.0 - 120.0 * NOISE for c in document["comparisons"])
     text = page.read_text()
     assert "Measured against simulated" in text
@@ -190,7 +189,7 @@ def test_the_command_writes_what_the_function_returns(recorded: tuple[ParameterS
     assert result.records[0].sha256[:12] in text
 
 
-def test_a_pair_that_records_cannot_tell_apart_is_named(tmp_path: Path) -> None:
+def test_pair_that_records_cannot_determine_is_named(tmp_path: Path) -> None:
     base = load_parameters()
     rng = np.random.default_rng(5)
     truth = random_truth(base, ("inertia.fin", "drive.current_gain"), rng)
@@ -200,7 +199,7 @@ def test_a_pair_that_records_cannot_tell_apart_is_named(tmp_path: Path) -> None:
     assert any("inertia.fin, inertia.shaft" in problem for problem in result.problems)
 
 
-def test_what_is_wrong_with_records_is_reported(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
+def test_error_or_problem_of_a_bad_record(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
     _, paths = recorded
 
     def output(**columns: Any) -> Any:
@@ -217,11 +216,11 @@ def test_what_is_wrong_with_records_is_reported(recorded: tuple[ParameterSet, li
         ({"fin_angle": lambda x: np.clip(x, None, 2.0)}, 1, "is clipped at"),
         ({"fin_angle": lambda x: np.interp(np.arange(ROWS) * 1.01, np.arange(ROWS), x)}, 1, "drifts by"),
     ):
-        done = output(**columns)
-        assert (done.exit_code, words in done.output.replace("\n", " ")) == (code, True), (words, done.output)
+        result = output(**columns)
+        assert (result.exit_code, words in result.output.replace("\n", " ")) == (code, True), (words, result.output)
 
 
-def test_what_is_asked_wrongly_is_refused_first(recorded: tuple[ParameterSet, list[Path]]) -> None:
+def test_error_names_the_wrong_argument(recorded: tuple[ParameterSet, list[Path]]) -> None:
     base, path = load_parameters(model="second-order"), recorded[1][0]
     natural = "second_order.natural_frequency"
     for arguments, words in (
@@ -251,8 +250,8 @@ def test_what_is_asked_wrongly_is_refused_first(recorded: tuple[ParameterSet, li
                       base, [natural])
 
 
-def test_a_fit_that_is_poor_or_not_settled_is_reported(recorded: tuple[ParameterSet, list[Path]],
-                                                       monkeypatch: pytest.MonkeyPatch) -> None:
+def test_poor_or_unsettled_fit_is_reported(recorded: tuple[ParameterSet, list[Path]],
+                                           monkeypatch: pytest.MonkeyPatch) -> None:
     base = load_parameters(model="second-order")
     wrong = base.with_values({"second_order.natural_frequency": 0.3 * float(
         recorded[0].values["second_order.natural_frequency"])})
@@ -264,7 +263,7 @@ def test_a_fit_that_is_poor_or_not_settled_is_reported(recorded: tuple[Parameter
     assert any("not settled: " in line and "after 1 steps" in line for line in problems)
 
 
-def test_constant_outputs_are_called_that(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
+def test_constant_output_has_no_fit_percentage(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
     path = changed(recorded[1][0], tmp_path, fin_rate=lambda x: 0.0 * x)
     base, figures = load_parameters(model="second-order"), tmp_path / "fit.json"
     result = calibration.calibrate([path], base, FREE.split(","))
@@ -276,7 +275,7 @@ def test_constant_outputs_are_called_that(recorded: tuple[ParameterSet, list[Pat
     assert json.loads(text)["comparisons"][1]["fit_percent"] is None
 
 
-def test_records_that_begin_in_motion_or_elsewhere(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
+def test_record_that_begins_in_motion_or_elsewhere(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
     base = load_parameters(model="second-order")
     head, *rows = recorded[1][0].read_text().splitlines()
     cut = tmp_path / "cut.csv"
@@ -285,7 +284,7 @@ def test_records_that_begin_in_motion_or_elsewhere(recorded: tuple[ParameterSet,
     (line,) = (each for each in calibration.calibrate([cut], base, FREE.split(",")).problems if "at rest" in each)
     rate = float(line.partition("moves at ")[2].split()[0])
     assert rate == pytest.approx((measured[9] - measured[0]) / (9 * STEP), rel=0.05)  # noise: 0.01 deg of 2
-    # A fin angle that is not compared is still where the fin was at the start.
+    # The fin angle is not compared, but its column gives the start angle.
     truth = recorded[0].with_values({"fin.start_angle": radians(3.0)})
     elsewhere = records(truth, ("fin_angle", "fin_rate"), tmp_path, np.random.default_rng(6), 1)
     result = calibration.calibrate(elsewhere, base, FREE.split(","), compare=["fin_rate"])
@@ -294,8 +293,8 @@ def test_records_that_begin_in_motion_or_elsewhere(recorded: tuple[ParameterSet,
         assert abs(e.value - float(truth.values[e.name])) < 4.0 * e.sigma
 
 
-def test_the_number_of_runs_at_once_changes_no_bit(recorded: tuple[ParameterSet, list[Path]],
-                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+def test_number_of_simultaneous_runs_changes_no_bit(recorded: tuple[ParameterSet, list[Path]],
+                                                    monkeypatch: pytest.MonkeyPatch) -> None:
     base = load_parameters()
     loaded, outputs = replay.read(recorded[1][:1], base, ["fin_angle"])
     runs = replay.Replay(base, free_parameters(base, ["inertia.motor"]), loaded, outputs, False)
@@ -305,7 +304,7 @@ def test_the_number_of_runs_at_once_changes_no_bit(recorded: tuple[ParameterSet,
     np.testing.assert_array_equal(runs.residuals(points), before)
 
 
-def test_delays_of_channels_are_found(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
+def test_delay_of_a_channel_is_identified(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
     late = 3.4e-3
     grid = np.arange(ROWS) * STEP
     path = changed(recorded[1][1], tmp_path, fin_rate=lambda x: np.interp(grid - late, grid, x))
@@ -313,18 +312,18 @@ def test_delays_of_channels_are_found(recorded: tuple[ParameterSet, list[Path]],
     assert abs(result["delay of fin_rate"].value - result["delay of fin_angle"].value - late) < 5e-5  # 1/20 of a sample
 
 
-def test_a_prior_counts_as_a_measurement(recorded: tuple[ParameterSet, list[Path]]) -> None:
+def test_prior_counts_as_a_measurement(recorded: tuple[ParameterSet, list[Path]]) -> None:
     base, path = load_parameters(model="second-order"), recorded[1][:1]
     alone = calibration.calibrate(path, base, FREE.split(","))["second_order.damping"]
     far = alone.value + 2.0 * alone.sigma
-    told = calibration.calibrate(path, base, FREE.split(","), priors=[
+    with_prior = calibration.calibrate(path, base, FREE.split(","), priors=[
         f"second_order.damping={far!r}+-{alone.sigma!r}"])["second_order.damping"]
-    # Two equally certain values: their mean, with 1/sqrt(2) of the uncertainty, within what linearisation leaves.
-    assert told.value == pytest.approx(alone.value + alone.sigma, abs=0.3 * alone.sigma)
-    assert told.sigma == pytest.approx(alone.sigma / np.sqrt(2.0), rel=0.1)
+    # Two equally certain values give their mean with 1/sqrt(2) of the uncertainty, up to nonlinearity.
+    assert with_prior.value == pytest.approx(alone.value + alone.sigma, abs=0.3 * alone.sigma)
+    assert with_prior.sigma == pytest.approx(alone.sigma / np.sqrt(2.0), rel=0.1)
 
 
-def test_a_prior_that_records_contradict_is_reported(recorded: tuple[ParameterSet, list[Path]]) -> None:
+def test_prior_that_the_records_contradict_is_reported(recorded: tuple[ParameterSet, list[Path]]) -> None:
     base, path, name = load_parameters(model="second-order"), recorded[1][:1], "second_order.damping"
     alone = calibration.calibrate(path, base, FREE.split(","))
     for away, reported in ((1.0, False), (20.0, True)):
@@ -333,12 +332,12 @@ def test_a_prior_that_records_contradict_is_reported(recorded: tuple[ParameterSe
         assert any(name in line and "from its prior" in line for line in problems) == reported
 
 
-def test_temperatures_between_bounds_are_not_ratios() -> None:
+def test_temperature_is_interpolated_linearly_between_its_bounds() -> None:
     (unknown,) = free_parameters(load_parameters(), ["friction.temperature=10..50 degC"])
     assert unknown.between(0.5) == pytest.approx(30.0)
 
 
-def test_columns_are_listed_and_misspelt_ones_named(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
+def test_misspelt_columns_are_named(recorded: tuple[ParameterSet, list[Path]], tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text(recorded[1][0].read_text().replace("fin_rate", "fin_rates"), "utf-8")
     base = load_parameters(model="second-order")
@@ -364,11 +363,11 @@ def test_robust_fits_ignore_outliers(recorded: tuple[ParameterSet, list[Path]], 
 
 
 @pytest.mark.slow
-def test_the_example_of_the_page(tmp_path: Path) -> None:
-    """docs/tools/calibration.md: the values of the simulated unit are found from noise-free records."""
+def test_example_of_the_page_identifies_the_simulated_values(tmp_path: Path) -> None:
+    """docs/tools/calibration.md has records without noise."""
     run_block("tools/calibration.md", "try", tmp_path)
     values = load_parameters(tmp_path / "mine.toml").values
-    assert values["inertia.motor"] == pytest.approx(3.4e-4, rel=1e-3)  # one response with its quantisation
+    assert values["inertia.motor"] == pytest.approx(3.4e-4, rel=1e-3)  # one record, quantised
     assert values["drive.current_gain"] == pytest.approx(9.0, rel=1e-3)
 
 

@@ -1,4 +1,4 @@
-"""The files written: a parameter file that loads, chains and builds, a report, figures for machines."""
+"""Files of the identification: a parameter file that can be loaded, continued and built; report; JSON."""
 
 from __future__ import annotations
 
@@ -22,17 +22,18 @@ from .conftest import BENCH, emcas, shipped
 
 @pytest.fixture(scope="module")
 def chained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """All four experiments, each starting from the file of the one before, on top of a user's own value."""
+    """A file with a user's value, which all four experiments read and extend one after another."""
     file = tmp_path_factory.mktemp("chain") / "mine.toml"
-    own = '{ value = 251, unit = "mOhm", source = "datasheet", note = "a \\"note\\"" }'
-    file.write_text(f"[motor]\nresistance = {own}\n", encoding="utf-8")
+    resistance = '{ value = 251, unit = "mOhm", source = "datasheet", note = "a \\"note\\"" }'
+    file.write_text(f"[motor]\nresistance = {resistance}\n", encoding="utf-8")
     for kind in ("drive", "inertia", "friction", "backlash"):
-        done = emcas("identify", kind, *shipped(kind), "-p", file, "-o", file)
-        assert done.exit_code == 0, done.stderr
+        result = emcas("identify", kind, *shipped(kind), "-p", file, "-o", file)
+        assert result.exit_code == 0, result.stderr
     return file
 
 
-def test_parameter_file_round_trip(chained: Path, identified: Mapping[str, Identification]) -> None:
+def test_file_contains_identified_values_and_keeps_the_others(
+        chained: Path, identified: Mapping[str, Identification]) -> None:
     loaded = load_parameters(chained)
     entries = {e.variable.name: e for e in loaded.entries}
     changed = {name for name, e in entries.items() if e.source == "identified"}
@@ -40,12 +41,12 @@ def test_parameter_file_round_trip(chained: Path, identified: Mapping[str, Ident
     for kind in ("inertia", "friction"):
         for e in identified[kind].estimates:
             if e.parameter:
-                # Written to a hundredth of sigma; the inertia identified before moves friction by less than the rest.
+                # Values are written to a hundredth of sigma; the earlier identified inertia changes friction slightly.
                 assert abs(entries[e.name].value - e.value) < 0.1 * e.sigma
                 assert "1 sigma" in entries[e.name].note
                 assert kind in entries[e.name].note  # the data files
-    kept = entries["motor.resistance"]
-    assert (kept.value, kept.source, kept.note) == (0.251, "datasheet", 'a "note"')
+    entry = entries["motor.resistance"]
+    assert (entry.value, entry.source, entry.note) == (0.251, "datasheet", 'a "note"')
     text = chained.read_text(encoding="utf-8")
     assert "# Reported, no parameter: backlash = 0.0" in text
     assert "# Reported, no parameter: total inertia at the motor" in text
@@ -55,7 +56,7 @@ def test_parameter_file_round_trip(chained: Path, identified: Mapping[str, Ident
     assert all(re.fullmatch(r"fitted, residual \S+ \S+", r.use) for r in loaded.measured)
 
 
-def test_command_shows_and_fmu_builds_with_it(chained: Path, tmp_path: Path) -> None:
+def test_identified_file_is_listed_and_builds_an_fmu(chained: Path, tmp_path: Path) -> None:
     records = json.loads(emcas("parameters", "-p", chained, "--json").stdout)
     (kp,) = [r for r in records if r["name"] == "drive.kp"]
     assert (kp["source"], kp["unit"]) == ("identified", "V/A")
@@ -63,10 +64,10 @@ def test_command_shows_and_fmu_builds_with_it(chained: Path, tmp_path: Path) -> 
     assert built.path.stat().st_size > 0
 
 
-def test_json_and_report(tmp_path: Path) -> None:
+def test_json_and_report_of_the_command(tmp_path: Path) -> None:
     page, figures = tmp_path / "r.html", tmp_path / "f.json"
-    done = emcas("identify", "inertia", *shipped("inertia"), "--report", page, "--json", figures)
-    assert done.exit_code == 0, done.stderr
+    result = emcas("identify", "inertia", *shipped("inertia"), "--report", page, "--json", figures)
+    assert result.exit_code == 0, result.stderr
     document = json.loads(figures.read_text(encoding="utf-8"))
     assert document["estimates"]["inertia.motor"]["sigma"] > 0.0
     assert len(document["correlation"]["matrix"]) == len(document["correlation"]["names"])
@@ -74,14 +75,14 @@ def test_json_and_report(tmp_path: Path) -> None:
     assert str(BENCH) not in figures.read_text(encoding="utf-8")
     text = page.read_text(encoding="utf-8")
     assert text.count("<svg") == 2
-    assert "http" not in text.replace("http://www.w3.org", "").replace("/*! https://", "")  # a library's own heading
+    assert "http" not in text.replace("http://www.w3.org", "").replace("/*! https://", "")  # a library's first line
     assert "Residuals" in text
     assert "autocorrelation" in text
 
 
 @pytest.mark.drawn
 @pytest.mark.slow
-def test_every_report_draws_and_is_reproducible(identified: Mapping[str, Identification], tmp_path: Path) -> None:
+def test_report_has_its_plots_and_is_reproducible(identified: Mapping[str, Identification], tmp_path: Path) -> None:
     pictures = {"friction": 3, "drive": 4, "inertia": 2, "backlash": 3}
     for kind, result in identified.items():
         pages = [tmp_path / f"{kind}{i}.html" for i in range(2)]
@@ -92,7 +93,7 @@ def test_every_report_draws_and_is_reproducible(identified: Mapping[str, Identif
         assert first.count(b"<svg") == pictures[kind]
 
 
-def test_units_of_the_header_do_not_matter(tmp_path: Path) -> None:
+def test_columns_may_have_other_units_and_order(tmp_path: Path) -> None:
     (file,) = shipped("backlash")
     table = np.loadtxt(file, delimiter=",", skiprows=1)
     other = tmp_path / "other.csv"
@@ -101,38 +102,38 @@ def test_units_of_the_header_do_not_matter(tmp_path: Path) -> None:
                comments="")
     base = load_parameters()
     one, two = (backlash.identify([f], base)["backlash"] for f in (file, other))
-    assert two.value == pytest.approx(one.value, rel=1e-6)  # the 12 digits written
+    assert two.value == pytest.approx(one.value, rel=1e-6)  # 12 digits in the file
     assert two.sigma == pytest.approx(one.sigma, rel=1e-4)
 
 
-def test_friction_at_one_temperature() -> None:
+def test_friction_at_one_temperature_keeps_the_cold_ratios() -> None:
     warm = [f for f in shipped("friction") if "minus" not in f.name]
-    done = emcas("identify", "friction", *warm, "--keep-cold-ratios")
-    assert done.exit_code == 0, done.stderr
-    assert "friction.table.viscous[1]" not in done.stdout
-    assert "cold ratios are those of the base" in done.stdout
+    result = emcas("identify", "friction", *warm, "--keep-cold-ratios")
+    assert result.exit_code == 0, result.stderr
+    assert "friction.table.viscous[1]" not in result.stdout
+    assert "cold ratios are those of the base" in result.stdout
 
 
-def test_values_without_sense_are_not_written(identified: Mapping[str, Identification], tmp_path: Path) -> None:
-    # A coefficient with which friction would be negative at the stops.
+def test_negative_friction_is_not_written(identified: Mapping[str, Identification], tmp_path: Path) -> None:
+    # With this coefficient friction is negative at the stops.
     result = identified["friction"]
-    bent = [replace(e, value=-1.0) if e.name == "friction.coulomb.positive[6]" else e for e in result.estimates]
+    estimates = [replace(e, value=-1.0) if e.name == "friction.coulomb.positive[6]" else e for e in result.estimates]
     output = tmp_path / "x.toml"
     with pytest.raises(ParameterError, match=r"friction\.coulomb\.positive"):
-        write_identified(replace(result, estimates=bent), output)
+        write_identified(replace(result, estimates=estimates), output)
     assert not output.exists()
 
 
 @pytest.mark.parametrize("command", ["friction", "drive", "backlash", "inertia"])
 def test_help_has_examples(command: str) -> None:
-    done = emcas("identify", command, "--help")
-    assert done.exit_code == 0
-    assert f"emcas identify {command}" in done.stdout
+    result = emcas("identify", command, "--help")
+    assert result.exit_code == 0
+    assert f"emcas identify {command}" in result.stdout
 
 
-def test_the_note_on_backlash_has_the_gap_along_the_screw() -> None:
-    """The bench put 0.06 deg between the encoders; models/actuators/elastic.toml has 0.05 mm as 0.057 deg."""
+def test_note_on_backlash_has_the_gap_along_the_screw() -> None:
+    """The simulated gap is 0.06 deg; models/actuators/elastic.toml has 0.05 mm for 0.057 deg."""
     (note,) = (n for n in backlash.identify(shipped("backlash"), load_parameters()).notes if "elastic" in n)
     gap = float(note.partition("backlash = ")[2].partition(" mm")[0])
-    # Two digits are shown of both (1 % each), and the estimate is within 0.0007 deg (1 %).
+    # The note has two digits (1 %), 0.057 has two (1 %), and the estimate is accurate to 0.0007 deg (1 %).
     assert gap == pytest.approx(0.05 * 0.06 / 0.057, rel=0.03)

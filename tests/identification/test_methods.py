@@ -1,4 +1,4 @@
-"""The parts: estimation on noise of known properties, the current loop's discretisation, the rig, the sample files."""
+"""Parts of the identification: estimation with known noise, model of the current loop, simulated rig, shipped files."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ ROOT = Path(__file__).resolve().parents[2]
 def test_correlation_time_of_a_first_order_process(rho: float) -> None:
     rng = np.random.default_rng(4)
     x = lfilter([1.0], [1.0, -rho], rng.normal(size=40_000))
-    # (1 + rho)/(1 - rho). Its relative error is about sqrt(2 (2 window + 1)/n) = 7 % for tau = 9: three of these.
+    # (1 + rho)/(1 - rho) with a relative error of about sqrt(2 (2 window + 1)/n) = 7 % for tau = 9; three times that.
     assert correlation_time([x]) == pytest.approx((1.0 + rho) / (1.0 - rho), rel=0.2)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.7])
-def test_sigmas_of_a_line_are_those_of_repeated_experiments(rho: float) -> None:
+def test_sigmas_of_a_line_equal_the_scatter_of_repeated_experiments(rho: float) -> None:
     rng = np.random.default_rng(5)
     x = np.linspace(-1.0, 1.0, 400)
     groups = [slice(0, 200), slice(200, 400)]
@@ -54,7 +54,7 @@ def test_sigmas_of_a_line_are_those_of_repeated_experiments(rho: float) -> None:
         found = weighted_fit(("offset", "slope"), each(residuals), np.zeros(2), np.ones(2), [0, 1])
         values.append(found.values)
         sigmas.append(found.sigmas)
-    # The scatter of 60 has itself 9 % error (three of these), and tau from 200 samples is a little small.
+    # The scatter of 60 experiments has an error of 9 %; three times that. Tau from 200 samples is slightly too small.
     ratio = np.std(values, axis=0) / np.mean(sigmas, axis=0)
     assert np.all((ratio > 0.7) & (ratio < 1.35)), ratio
     assert np.abs(np.mean(values, axis=0) - [3.0, 2.0]).max() < 4.0 * np.max(sigmas) / 60**0.5
@@ -64,65 +64,66 @@ X = np.linspace(-1.0, 1.0, 600)
 TRUE = np.array([3.0, 2.0])
 
 
-def fitted(ys: list[Array], **options: Any) -> Fit:
-    """The fit of a line to simultaneous series, by descent."""
+def fit_line(ys: list[Array], **options: Any) -> Fit:
+    """Fit a line to simultaneous series with `descend`."""
     bounds = np.full(2, -1e3), np.full(2, 1e3)
     return weighted_fit(("offset", "slope"), each(lambda b: [y - b[0] - b[1] * X for y in ys]), np.zeros(2), np.ones(2),
                         range(len(ys)), prior=(np.zeros(2), np.full(2, 1e6)), together=[0] * len(ys),
                         minimise=lambda r, x, **k: descend(r, x, bounds=bounds, steps=60, **k)[:2], **options)
 
 
-def test_a_signal_in_several_forms_counts_once() -> None:
+def test_copies_of_a_signal_count_once() -> None:
     rng = np.random.default_rng(8)
     y = TRUE @ [np.ones(600), X] + 0.1 * rng.normal(size=600)
-    one, forms = fitted([y]), fitted([y, y, y, y, y])
-    np.testing.assert_allclose(forms.covariance, one.covariance, rtol=4e-3, atol=1e-15)  # degrees of freedom: 2 of 600
-    # Of different sensors each counts: the sums' correlation is 0 +- 1/sqrt(120).
-    five = fitted([TRUE @ [np.ones(600), X] + 0.1 * rng.normal(size=600) for _ in range(5)])
+    one, copies = fit_line([y]), fit_line([y, y, y, y, y])
+    # 2 degrees of freedom of 600.
+    np.testing.assert_allclose(copies.covariance, one.covariance, rtol=4e-3, atol=1e-15)
+    # Five sensors count five times: the correlation of their sums is 0 +- 1/sqrt(120).
+    five = fit_line([TRUE @ [np.ones(600), X] + 0.1 * rng.normal(size=600) for _ in range(5)])
     np.testing.assert_allclose(five.sigmas, one.sigmas / 5**0.5, rtol=0.25)
 
 
-@pytest.mark.parametrize("late", [1, *slow(0)])
-def test_errors_with_common_noise_are_as_large_as_stated(late: int) -> None:
+@pytest.mark.parametrize("lag", [1, *slow(0)])  # rows between neighbouring series
+def test_errors_with_common_noise_are_as_large_as_stated(lag: int) -> None:
     rng = np.random.default_rng(9)
     z = []
     for _ in range(100):
         common = lfilter([1.0], [1.0, -0.5], rng.normal(size=700))
-        ys = [TRUE @ [np.ones(600), X] + common[50 - late * k:650 - late * k] + 0.3 * rng.normal(size=600)
+        ys = [TRUE @ [np.ones(600), X] + common[50 - lag * k:650 - lag * k] + 0.3 * rng.normal(size=600)
               for k in range(4)]
-        fit = fitted(ys)
+        fit = fit_line(ys)
         z.append((fit.values - TRUE) / fit.sigmas)
-    # The rms of 200 standard normal numbers is 1 +- 0.05: three of these. Counted as independent, it would be 1.9.
+    # The rms of 200 standard normal numbers is 1 +- 0.05; three times that. With independent series it would be 1.9.
     assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.15)
 
 
 @pytest.mark.parametrize(("rho", "share"), [(0.6, 0.05), *slow((0.0, 0.0), (0.0, 0.05), (0.6, 0.0))])
-def test_robust_fits_are_soft_l1_of_residual_over_noise(rho: float, share: float) -> None:
-    """Outliers of a known share move the estimate by no more than sigma says, however correlated the noise is."""
+def test_robust_fit_minimises_the_soft_l1_loss(rho: float, share: float) -> None:
+    """With outliers and correlated noise the errors are still as large as the stated sigmas."""
     rng = np.random.default_rng(10)
     z = []
     for _ in range(100):
         noise = (1.0 - rho**2) ** 0.5 * lfilter([1.0], [1.0, -rho], rng.normal(size=700))[100:]
         outliers = (rng.random(600) < share) * rng.choice([-1.0, 1.0], 600) * 20.0
         y = TRUE @ [np.ones(600), X] + noise + outliers
-        fit = fitted([y], robust=True)
+        fit = fit_line([y], robust=True)
         z.append((fit.values - TRUE) / fit.sigmas)
     reference = least_squares(lambda b, y=y: y - b[0] - b[1] * X, np.zeros(2), loss="soft_l1",
                               f_scale=fit.deviations[0], xtol=1e-12, ftol=1e-12, gtol=1e-12).x
-    # The noise is that of the pass before, and the last step is below a fifth of a sigma.
+    # The noise is estimated one pass earlier; the last step is smaller than a fifth of a sigma.
     assert np.all(np.abs(fit.values - reference) < 0.2 * fit.sigmas)
-    # 1 +- 0.05 as above; a tau of 4 from 600 samples is some per cent too small.
+    # 1 +- 0.05 as above; a tau of 4 from 600 samples is a few percent too small.
     assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.15)
 
 
-def test_descent_ends_where_it_has_settled_and_says_where_it_has_not() -> None:
-    """Rosenbrock's valley from far away: a linear problem is done at once, this one is not in five steps."""
+def test_descent_ends_when_settled_and_reports_unsettled_points() -> None:
+    """A linear problem settles at once, Rosenbrock's valley not within two steps."""
     calls = []
 
     def line(points: Array) -> Array:
         calls.append(len(points))
-        away: Array = points - np.array([3.0, 2.0])
-        return away
+        residuals: Array = points - np.array([3.0, 2.0])
+        return residuals
 
     def valley(points: Array) -> Array:
         x, y = points.T
@@ -136,12 +137,12 @@ def test_descent_ends_where_it_has_settled_and_says_where_it_has_not() -> None:
     assert np.any(descend(valley, np.array([-1.2, 1.0]), bounds, 2)[2] > SETTLED)
     x, _, left = descend(valley, np.array([-1.2, 1.0]), bounds, 100)
     assert np.all(left < SETTLED)
-    np.testing.assert_allclose(x, 1.0, atol=0.02)  # 0.2 sigma of 0.1
+    np.testing.assert_allclose(x, 1.0, atol=0.02)  # a fifth of sigma, which is 0.1
 
 
 @given(every=st.sampled_from([1, 2, 10]), slope=st.floats(-5.0, 5.0), offset=st.floats(-5.0, 5.0))
-def test_logged_means_are_not_late(every: int, slope: float, offset: float) -> None:
-    """The mean about a row of what changes at a constant rate is the value at that row, but at the two ends."""
+def test_logged_means_are_centred_on_their_rows(every: int, slope: float, offset: float) -> None:
+    """The mean of a linear signal about a row is the value in that row, except in the first and last row."""
     log = rig.centred(offset + slope * np.arange(101.0), every)
     expected = (offset + slope * np.arange(101.0))[::every]
     assert log.shape == expected.shape
@@ -149,68 +150,67 @@ def test_logged_means_are_not_late(every: int, slope: float, offset: float) -> N
 
 
 @pytest.mark.parametrize("delay", [3.7e-3, 3.7133e-3, 2.0101e-3, 4.0e-3])
-def test_current_loop_is_the_kernels(delay: float) -> None:
+def test_model_of_the_current_loop_agrees_with_the_kernel(delay: float) -> None:
     parameters = load_parameters().with_values({"drive.transport_delay": delay, "drive.ki": 30.0})
     levels = (0.0, 0.3, -0.2, 0.25, 0.1, -0.3)
     log = rig.run(parameters.values, lambda t: levels[int(t / 4e-3) % 6], 0.06, 5e-5, open_loop=True, clamped=True)
     v = parameters.values
-    ours = drive.response([v[n] for n in drive.NAMES], 0.0, log.reference, None, 5e-5, v)
-    theirs = log.columns["motor_current"]
-    # At the start the kernel has no current, the response that of a long rest: after some ms both are alike. 3 mA is
-    # a twentieth of the sensor's noise; the kernel takes its integral at mid-tick (second order).
+    current = drive.response([v[n] for n in drive.NAMES], 0.0, log.reference, None, 5e-5, v)
+    expected = log.columns["motor_current"]
+    # The kernel starts without current, the model at rest; after some ms both agree. 3 mA is a twentieth of the
+    # sensor's noise; the kernel integrates with the midpoint rule.
     later = log.time > 6e-3
-    assert np.abs(ours - theirs)[later].max() < 3e-3
-    assert np.ptp(theirs) > 3.0
+    assert np.abs(current - expected)[later].max() < 3e-3
+    assert np.ptp(expected) > 3.0
 
 
-def test_windows_average_a_polynomial_motion_exactly() -> None:
+def test_windowed_averages_of_a_parabola_are_exact() -> None:
     time = np.arange(400) * 1e-3
     angle = 3.0 + 40.0 * time + 500.0 * time**2
     columns = {"time": time, "motor_angle": angle, "motor_current": 2.0 + 10.0 * time}
     a = motion.averages(RecordFile(Path("x.csv"), 1e-3, columns, {}, ""), 16, 8)
-    # Symmetric windows: means of linear functions are those at the middle, second differences of a parabola constant.
+    # In symmetric windows the mean of a linear function is its value in the middle.
     np.testing.assert_allclose(a.acceleration, 1000.0, rtol=1e-6)
     np.testing.assert_allclose(a.speed, 40.0 + 1000.0 * a.time, rtol=1e-9)
     np.testing.assert_allclose(a.current, 2.0 + 10.0 * a.time, rtol=1e-9)
 
 
-def test_converters_round_and_hold_at_their_ends() -> None:
+def test_converter_rounds_and_saturates() -> None:
     step = 20.0 / 2**14
     found = rig.quantised([0.4 * step, 0.6 * step, 50.0, -50.0], 14, 10.0)
     np.testing.assert_allclose(found, [0.0, step, 10.0 - step, -10.0])
 
 
-def test_play_lags_by_half_the_gap_each_way() -> None:
+def test_play_lags_by_half_the_gap_in_each_direction() -> None:
     angle = np.concatenate([np.linspace(0.0, 1.0, 101), np.linspace(1.0, 0.0, 101)])
-    driven = bench.play(angle, 0.2)
-    assert driven[100] == pytest.approx(0.9)
-    assert driven[-1] == pytest.approx(0.1)
-    assert np.all(np.abs(driven - angle) <= 0.1 + 1e-12)
+    output = bench.play(angle, 0.2)
+    assert output[100] == pytest.approx(0.9)
+    assert output[-1] == pytest.approx(0.1)
+    assert np.all(np.abs(output - angle) <= 0.1 + 1e-12)
 
 
 @pytest.mark.slow
-def test_shipped_files_are_those_of_the_provenance(tmp_path: Path) -> None:
+def test_command_of_the_provenance_reproduces_the_shipped_files(tmp_path: Path) -> None:
     provenance = tomllib.loads((BENCH / bench.PROVENANCE).read_text(encoding="utf-8"))
     files = {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in BENCH.glob("*.csv")}
     assert files == provenance["sha256"]
     assert sum(p.stat().st_size for p in BENCH.iterdir()) < 1.5e6
-    done = subprocess.run([sys.executable, *provenance["command"].split()[1:], "--directory", tmp_path], cwd=ROOT,
-                          capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
+    process = subprocess.run([sys.executable, *provenance["command"].split()[1:], "--directory", tmp_path], cwd=ROOT,
+                             capture_output=True, text=True, timeout=120)
+    assert process.returncode == 0, process.stderr
     again = tomllib.loads((tmp_path / bench.PROVENANCE).read_text(encoding="utf-8"))
     assert again["truth"] == provenance["truth"]
     assert set(again["sha256"]) == set(files)
-    # Another C library may round a digit of the last place otherwise, and the noise falls the same.
+    # Another C library may round the last digit differently; the noise is the same.
     for name in (name for name in files if name.startswith(("drive", "inertia"))):
-        both = (tmp_path / name, BENCH / name)
-        ours, theirs = (np.loadtxt(p, delimiter=",", skiprows=1) for p in both)
-        assert ours.shape == theirs.shape
-        # One step of the ADC (12.2 mA) or of the encoder (0.044 deg), in single samples.
-        assert np.mean(np.abs(ours - theirs) > 1e-9) < 1e-3
-        assert np.abs(ours - theirs).max() < 0.05
+        table, expected = (np.loadtxt(p / name, delimiter=",", skiprows=1) for p in (tmp_path, BENCH))
+        assert table.shape == expected.shape
+        # Single samples may differ by one step of the ADC (12.2 mA) or of the encoder (0.044 deg).
+        assert np.mean(np.abs(table - expected) > 1e-9) < 1e-3
+        assert np.abs(table - expected).max() < 0.05
 
 
-def test_random_truths_are_different_actuators() -> None:
+def test_random_actuators_differ() -> None:
     base = load_parameters()
     one, two = (draw_truth(base, np.random.default_rng(seed)) for seed in (1, 2))
     assert largest_difference(one, two) > 0.01

@@ -1,4 +1,4 @@
-"""The truth is recovered within the stated uncertainty, on seeds and actuators the code was not tuned to."""
+"""True values are recovered within the stated uncertainty, with seeds that were not used during development."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from examples.identification_bench import bench
 
 from .conftest import BENCH, recover
 
-# Seeds below 100 000 were looked at while the code was written; these were not.
+# Seeds below 100 000 were used during development.
 FIRST = 916_000
 
 
@@ -30,25 +30,24 @@ FIRST = 916_000
 def test_errors_are_as_large_as_stated(kind: str, count: int, largest: Mapping[str, float], choice: dict[str, object],
                                        tmp_path: Path) -> None:
     found = recover(kind, range(FIRST, FIRST + count), tmp_path, **choice)
-    # Too small sigmas. Of up to 126 normal errors one beyond 3 sigma is likely, one beyond 4.5 is not (0.1 %).
+    # Sigmas are not too small. One of 126 normal errors is probably beyond 3 sigma; beyond 4.5 sigma is 0.1 % likely.
     assert np.abs(found.z).max() < 4.5, dict(zip(found.names, np.abs(found.z).max(axis=0), strict=True))
     assert np.mean(np.abs(found.z) > 3.0) < 0.03
-    # Chi-square. Estimates of one actuator are correlated, worth about one free error each: with 7 the root mean
-    # square is within 0.49 .. 1.53 in 99 of 100 cases, with 12 within 0.51 .. 1.54 (chi-square tails); a fifth
-    # more for what sigmas estimated from a few residuals may be off.
+    # The estimates of one actuator are correlated and count as about one error. The rms of 7 normal errors is within
+    # 0.38 .. 1.70 in 99 of 100 cases, of 12 within 0.51 .. 1.54 (chi-square).
     assert 0.4 < np.sqrt(np.mean(found.z**2)) < 1.7
-    # Uselessly large ones: a share of the true value that a bench test would be content with.
+    # Sigmas are not uselessly large: at most this ratio to the true value.
     for name, limit in largest.items():
         assert np.median(found.relative[:, found.names.index(name)]) < limit, name
 
 
 @pytest.mark.slow
-def test_delay_is_found_to_a_fraction_of_a_sample(identified: Mapping[str, Identification]) -> None:
-    # 50 us between samples; a twentieth of one is what the fit of 40 steps ought to give at least.
+def test_delay_is_identified_to_a_fraction_of_a_sample(identified: Mapping[str, Identification]) -> None:
+    # The sample time is 50 us; a fit of 40 steps should give a twentieth of it or better.
     assert identified["drive"]["drive.transport_delay"].sigma < 50e-6 / 20
 
 
-def test_shipped_records_give_their_truth(identified: Mapping[str, Identification]) -> None:
+def test_shipped_records_give_their_true_values(identified: Mapping[str, Identification]) -> None:
     provenance = tomllib.loads((BENCH / bench.PROVENANCE).read_text(encoding="utf-8"))
     errors = {}
     for kind, result in identified.items():
@@ -57,12 +56,12 @@ def test_shipped_records_give_their_truth(identified: Mapping[str, Identificatio
             if true is not None:
                 errors[e.name] = (e.value - true) / e.sigma
     assert set(errors) == {*bench.TRUTHS, "backlash"}
-    # 25 errors, known since the files were made: 3 sigma, which 24 in 25 such sets of normal errors keep.
+    # All of 25 normal errors are within 3 sigma in 93 % of cases; these are fixed by the files.
     assert max(map(abs, errors.values())) < 3.0, errors
 
 
-def test_wrong_truth_is_seen(identified: Mapping[str, Identification]) -> None:
-    """The sigmas are small enough for the tests above to fail: 5 % off is far beyond them."""
+def test_wrong_true_value_would_be_detected(identified: Mapping[str, Identification]) -> None:
+    """An error of 5 % is more than 5 sigma: the tests above can fail."""
     for name, kind in (("drive.current_gain", "drive"), ("drive.transport_delay", "drive"),
                        ("inertia.motor", "inertia"),
                        ("friction.viscous.positive", "friction"), ("friction.coulomb.negative[0]", "friction")):

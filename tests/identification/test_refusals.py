@@ -1,4 +1,4 @@
-"""Data that cannot support the answer are refused, with what is wrong and what to do; exit code 2."""
+"""Unsuitable records are refused with exit code 2 and a line that names the problem and the remedy."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _loaded(path: Path) -> Table:
 
 
 def load(path: Path) -> Table:
-    """Return a copy of a table, which may be edited."""
+    """Return header and rows of a record; the caller may change them."""
     return deepcopy(_loaded(path))
 
 
@@ -37,19 +37,19 @@ def store(path: Path, table: Table) -> Path:
 
 
 def refusal(kind: str, *files: Path | str) -> str:
-    """What `emcas identify` says of files it refuses, in one line."""
-    done = emcas("identify", kind, *files)
-    assert done.exit_code == 2, done.output
-    assert "Traceback" not in done.stderr
-    return " ".join(done.stderr.split())
+    """Return the error of `emcas identify`, which must refuse the files, in one line."""
+    result = emcas("identify", kind, *files)
+    assert result.exit_code == 2, result.output
+    assert "Traceback" not in result.stderr
+    return " ".join(result.stderr.split())
 
 
 def column(name: str, change: Callable[[Array], Array]) -> Edit:
-    """An edit of the values of one column."""
+    """Return an edit that changes the values of one column."""
     def edit(table: Table) -> Table:
         header, rows = table
-        place = next(i for i, cell in enumerate(header) if cell.startswith(name))
-        rows[:, place] = change(rows[:, place])
+        index = next(i for i, cell in enumerate(header) if cell.startswith(name))
+        rows[:, index] = change(rows[:, index])
         return header, rows
     return edit
 
@@ -62,11 +62,11 @@ def rows(keep: Callable[[int], slice]) -> Edit:
     return lambda table: (table[0], table[1][keep(len(table[1]))])
 
 
-def rail(limit: float) -> Callable[[Array], Array]:
+def clipped(limit: float) -> Callable[[Array], Array]:
     return lambda x: np.clip(x, -limit, limit)
 
 
-def put(row: int, value: float) -> Callable[[Array], Array]:
+def single(row: int, value: float) -> Callable[[Array], Array]:
     return lambda x: np.where(np.arange(len(x)) == row, value, x)
 
 
@@ -81,9 +81,9 @@ def put(row: int, value: float) -> Callable[[Array], Array]:
     (SWEEP, column("motor_angle", lambda x: 0.0 * x), ["hardly any motion"]),
     (SWEEP, column("motor_angle", lambda x: np.linspace(-20.0, 20.0, len(x)) ** 3 / 400),
      ["no stretch at constant speed"]),
-    (SWEEP, column("motor_current", rail(2.6)), ["motor_current is clipped"]),
-    (SWEEP, column("motor_current", put(70, np.nan)), ["motor_current, data row 71: nan is not a finite number"]),
-    (SWEEP, column("time", put(40, 0.0)), ["time does not increase at data row 41", "sort the rows"]),
+    (SWEEP, column("motor_current", clipped(2.6)), ["motor_current is clipped"]),
+    (SWEEP, column("motor_current", single(70, np.nan)), ["motor_current, data row 71: nan is not a finite number"]),
+    (SWEEP, column("time", single(40, 0.0)), ["time does not increase at data row 41", "sort the rows"]),
     (SWEEP, column("time", lambda x: x + 0.05 * (x > 0.4)), ["not equally spaced"]),
     (SWEEP, column("temperature", lambda x: x + np.linspace(0.0, 9.0, len(x))), ["temperature drifts by"]),
     (SWEEP, rows(lambda n: slice(0, 12)), ["has 12 rows"]),
@@ -91,20 +91,20 @@ def put(row: int, value: float) -> Callable[[Array], Array]:
      ["times the gain in the base set", "check the units"]),
     ("drive_fast", column("drive_reference", lambda x: 0.0 * x + 1.0), ["drive_reference hardly moves"]),
     ("drive_fast", column("motor_current", lambda x: np.roll(x, len(x) // 2)[::-1]), ["does not follow"]),
-    ("drive_fast", column("motor_current", rail(1.4)), ["motor_current is clipped"]),
+    ("drive_fast", column("motor_current", clipped(1.4)), ["motor_current is clipped"]),
     ("drive_slow", column("drive_reference", lambda x: 2.6 * x), ["drive_reference", "reference_limit"]),
     ("inertia_plus_1220mV", renamed("motor_current", "motor_current [mA]"),
      ["inertia_plus_1220mV.csv", "torque and acceleration do not fit together", "read as mA"]),
     ("inertia_minus_1820mV", renamed("motor_angle", "motor_angle [rad]"),
      ["inertia_minus_1820mV.csv", "motor_angle reaches", "read as rad"]),
-    ("inertia_plus_0810mV", column("motor_current", rail(4.0)), ["motor_current is clipped"]),
+    ("inertia_plus_0810mV", column("motor_current", clipped(4.0)), ["motor_current is clipped"]),
     ("backlash", renamed("fin_angle", "fin_angle [rad]"), ["fin_angle reaches", "read as rad"]),
     ("backlash", renamed("fin_angle", "fin_angle [arcmin]"), ["times as much", "check the units"]),
     ("backlash", rows(lambda n: slice(0, n // 4)), ["no sweep", "negative direction"]),
     ("backlash", column("fin_angle", lambda x: -x), ["times as much"]),
     ("backlash", rows(lambda n: slice(0, n, 40)), ["log faster or sweep slower"]),
 ])
-def test_one_bad_record(name: str, edit: Edit, expected: list[str], tmp_path: Path) -> None:
+def test_error_names_the_problem_of_a_bad_record(name: str, edit: Edit, expected: list[str], tmp_path: Path) -> None:
     kind = name.partition("_")[0]
     files = shipped(kind)
     (good,) = [f for f in files if f.stem == name]
@@ -120,7 +120,7 @@ def test_one_bad_record(name: str, edit: Edit, expected: list[str], tmp_path: Pa
     (lambda n: "minus" not in n, "--keep-cold-ratios"),
     (lambda n: "minus" not in n or "2000" in n, "only one speed near -6 degC"),
 ])
-def test_too_few_sweeps(keep: Callable[[str], bool], expected: str) -> None:
+def test_error_if_sweeps_are_too_few_or_alike(keep: Callable[[str], bool], expected: str) -> None:
     assert expected in refusal("friction", *(f for f in shipped("friction") if keep(f.name)))
 
 
@@ -181,7 +181,7 @@ def test_speed_that_denies_the_angle(tmp_path: Path) -> None:
     assert "motor_speed is 9.5" in refusal("friction", wrong, *files)
 
 
-def test_same_record_twice_and_no_such_file(tmp_path: Path) -> None:
+def test_error_of_duplicate_missing_or_unreadable_files(tmp_path: Path) -> None:
     first = shipped("backlash")[0]
     copy = tmp_path / "copy.csv"
     copy.write_bytes(first.read_bytes())
@@ -202,7 +202,7 @@ def test_same_record_twice_and_no_such_file(tmp_path: Path) -> None:
     assert "there is no folder" in refusal("backlash", first, "--output", tmp_path / "none" / "x.toml")
 
 
-def test_noise_that_leaves_no_answer(tmp_path: Path) -> None:
+def test_too_noisy_records_are_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(8)
     noisy = []
     for f in shipped("friction"):
@@ -212,7 +212,7 @@ def test_noise_that_leaves_no_answer(tmp_path: Path) -> None:
     assert "not supported by the data" in refusal("friction", *noisy)
 
 
-def test_numbers_no_fit_survives_end_in_a_message() -> None:
+def test_error_if_the_fit_is_nan_or_undetermined() -> None:
     with pytest.raises(RecordError, match="no parameters fit"):
         solve(lambda x: x * np.nan, np.ones(2))
     with pytest.raises(RecordError, match="undetermined"):

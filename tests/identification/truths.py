@@ -1,4 +1,4 @@
-"""Random actuators, whose parameters are to be identified."""
+"""Random actuators with known parameters, which tests identify."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from emcas_fmu.physics import friction
 
 
 def draw_truth(parameters: ParameterSet, rng: np.random.Generator) -> ParameterSet:
-    """A random actuator around a set: what is to be identified, varied well beyond any uncertainty."""
+    """Return the set with random values of all identified parameters, far beyond their uncertainty."""
     v = parameters.values
     change: dict[str, object] = {}
 
@@ -38,7 +38,7 @@ def draw_truth(parameters: ParameterSet, rng: np.random.Generator) -> ParameterS
 
 
 def largest_difference(parameters: ParameterSet, other: ParameterSet) -> float:
-    """Largest difference [N.m] of the Coulomb friction of two sets within +-command.limit, either direction."""
+    """Return the largest difference [N.m] of two sets' Coulomb friction within +-command.limit in both directions."""
     limit = parameters.values["command.limit"]
     fin = np.linspace(-limit, limit, 401)
     pairs = [[friction.coulomb_reference(ARRAYS, s.nested(), np.array(way), fin) for s in (parameters, other)]
