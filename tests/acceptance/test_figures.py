@@ -1,4 +1,4 @@
-"""Every new figure against subjects and signals whose figures are known in closed form."""
+"""Figures of the report agree with closed forms of simple subjects and signals."""
 
 from __future__ import annotations
 
@@ -22,13 +22,11 @@ from emcas_fmu.studies.report.outcome import Group, Outcome, Quantity, Rig
 
 from ..bench.subjects import Broken, Known, Play, SecondOrder, count
 
-FRICTIONLESS = {
-    **{f"friction.viscous.{side}": 0.0 for side in ("positive", "negative")},
-    **{f"friction.coulomb.{side}[{k}]": 0.0 for side in ("positive", "negative") for k in range(7)},
-}
+FRICTIONLESS = {f"friction.{name}": 0.0 for side in ("positive", "negative")
+                for name in (f"viscous.{side}", *(f"coulomb.{side}[{k}]" for k in range(7)))}
 
 
-def test_bidirectional_figures_by_hand() -> None:
+def test_bidirectional_figures_agree_with_hand_calculation() -> None:
     below = np.array([[nan, nan], [1.0, 3.0], [2.0, 2.0]])
     above = np.array([[0.0, 0.0], [-1.0, -1.0], [nan, nan]])
     found = metrics.bidirectional(below, above)
@@ -45,7 +43,7 @@ def test_bidirectional_figures_by_hand() -> None:
 @pytest.mark.parametrize("half", [0.002, 0.05])
 def test_play_has_the_hysteresis_of_its_width(half: float) -> None:
     found = accuracy.static(Rig(Play(half_width=half))).figures["grid"]
-    # Nothing is left to numerics but the conversion between degrees and radians.
+    # Only the conversion between degrees and radians rounds.
     assert found["hysteresis_deg"] == pytest.approx(2.0 * half, abs=1e-12)
     assert found["largest_error_deg"] == pytest.approx(half, abs=1e-12)
     assert found["bidirectional_accuracy_deg"] == pytest.approx(2.0 * half, abs=1e-12)
@@ -53,15 +51,14 @@ def test_play_has_the_hysteresis_of_its_width(half: float) -> None:
 
 
 class Spring(Known):
-    """Yields to a load by 1 deg for 500 N.m, and follows the command exactly."""
+    """Follows the previous row's command exactly, and yields to a load by 1 deg for 500 N.m."""
 
-    def angle(self, command: Any, moment: Any, step: float) -> Any:
-        """The command of the row before, and the deflection."""
-        return np.append(0.0, command[:-1]) + np.radians(np.asarray(moment) / 500.0)
+    def angle(self, command: Any, torque: Any, step: float) -> Any:
+        return np.append(0.0, command[:-1]) + np.radians(np.asarray(torque) / 500.0)
 
 
-def test_budget_of_play_and_spring_by_hand() -> None:
-    """What does not depend on a parameter has no other term; drawn units are all alike."""
+def test_budget_of_play_and_spring_agrees_with_hand_calculation() -> None:
+    """No parameter affects these subjects: other terms are zero, and drawn samples are identical."""
     play, spring = (budget.measure(Rig(subject)).figures for subject in (Play(half_width=0.03), Spring()))
     for figures, loop, friction in ((play, (0.0, 0.0), (0.03, 0.03)), (spring, (0.0, 0.2), (0.0, 0.0))):
         sums = ("worst_case", "root_of_squares", "monte_carlo_95", "monte_carlo_99", "as_set", "required")
@@ -76,7 +73,7 @@ def test_budget_of_play_and_spring_by_hand() -> None:
             assert figures["required"][load] == pytest.approx(0.2, abs=1e-12)
 
 
-def test_smallest_encloses_a_known_threshold() -> None:
+def test_search_of_the_smallest_size_encloses_a_known_threshold() -> None:
     tried: list[float] = []
 
     def moves(size: float) -> bool:
@@ -89,33 +86,33 @@ def test_smallest_encloses_a_known_threshold() -> None:
     assert accuracy.smallest(lambda _: True, 1e-3, 10.0) == 1e-3
 
 
-def test_hunting_is_no_answer() -> None:
-    idle = np.tile([0.0, 0.1], 50)
-    assert accuracy.advance(idle, 50, 1.0) == 0.0
-    moved = idle + np.where(np.arange(100) > 50, 0.06, 0.0)
+def test_hunting_does_not_count_as_a_response() -> None:
+    hunting = np.tile([0.0, 0.1], 50)
+    assert accuracy.advance(hunting, 50, 1.0) == 0.0
+    moved = hunting + np.where(np.arange(100) > 50, 0.06, 0.0)
     assert [accuracy.advance(moved, 50, sign) for sign in (1.0, -1.0)] == pytest.approx([0.06, 0.0])
 
 
 @pytest.mark.parametrize("half", [0.01, 0.2])
 def test_play_has_the_thresholds_of_its_width(half: float, values: Mapping[str, Any]) -> None:
     found = accuracy.threshold(Rig(Play(half_width=half))).figures
-    # From the middle of the play, across the whole of it, and not at all; then a count has to be seen.
+    # The fin crosses half the play, all of it, or nothing, and then moves by one count.
     for group, crossed in (("from_rest", half), ("after_reversal", 2.0 * half), ("increment", 0.0)):
         expected = crossed + count(values)
         for value in found[group].values():
-            # The detection gives half a thousandth of a count away.
+            # The detection threshold is half a thousandth of a count lower.
             assert expected * (1.0 - 5e-4) <= value <= expected * accuracy.RATIO
 
 
-def test_fundamental_beside_offset_drift_and_harmonic() -> None:
+def test_fundamental_of_a_sine_with_offset_drift_and_harmonic() -> None:
     time = 0.7 + np.arange(2000) * 1e-3  # eight cycles of 4 Hz
     values = 3.0 * np.cos(2 * pi * 4.0 * time + 0.4) + 5.0 + 0.2 * time
     assert fundamental(time, values, 4.0) == pytest.approx(3.0 * np.exp(0.4j), abs=1e-9)
-    # Over whole cycles a harmonic gets in by way of the drift only: that takes up to 6/(pi 24) of 24 cycles, and gives
-    # 2/(pi 8) of itself to 8 cycles.
+    # Over whole cycles a harmonic enters only through the drift, which fits up to 6/(pi 24) of 24 cycles and adds
+    # 2/(pi 8) of itself to the 8 cycles of the fundamental.
     values += 0.5 * np.cos(2 * pi * 12.0 * time)
-    assert fundamental(time, values, 4.0) == pytest.approx(3.0 * np.exp(0.4j),
-                                                                     abs=0.5 * 6 / (pi * 24) * 2 / (pi * 8))
+    leakage = 0.5 * 6 / (pi * 24) * 2 / (pi * 8)
+    assert fundamental(time, values, 4.0) == pytest.approx(3.0 * np.exp(0.4j), abs=leakage)
 
 
 def test_fundamental_of_a_held_sinusoid() -> None:
@@ -123,7 +120,7 @@ def test_fundamental_of_a_held_sinusoid() -> None:
     time = np.arange(100 * fine) * step / fine  # four cycles
     samples = np.cos(2 * pi * frequency * np.floor(np.arange(100 * fine) / fine) * step)
     found = 2.0 * np.mean(samples * np.exp(-2j * pi * frequency * time))
-    # The sum over the fine grid is the integral to half a fine step: 40 Hz x 2 pi x 2.5 us.
+    # The sum over the fine grid is an integral shifted by half a fine step: 40 Hz x 2 pi x 2.5 us.
     assert held(1.0, frequency, step) == pytest.approx(found, abs=1e-3)
 
 
@@ -131,8 +128,8 @@ def test_stiffness_of_a_second_order_system() -> None:
     subject = SecondOrder()
     found, locked, _ = stiffness.sweep(Rig(subject), 50.0, True)
     expected = subject.dynamic_stiffness(np.array(stiffness.FREQUENCIES))
-    # The transient is gone after half a second, exp(-40 * 0.5). Reading once a step folds the answer to the hold's
-    # image at 960 Hz onto 40 Hz: 1/24 of the hold there times 1/576 of the inertia's.
+    # After 0.5 s the transient is exp(-40 * 0.5). Sampling folds the response to the hold's image at 960 Hz to 40 Hz:
+    # 1/24 of the hold times 1/576 of the inertia.
     assert found == pytest.approx(expected, rel=2e-4)
     assert not locked
     powered = stiffness.measure(Rig(subject)).figures["powered"]
@@ -150,18 +147,18 @@ def test_breakaway_of_a_record() -> None:
 
 
 def _ratio(values: Mapping[str, Any]) -> float:
-    """Motor angle over fin angle at 0 deg."""
+    """Return the ratio of motor angle to fin angle at 0 deg."""
     return float(values["kinematics.moment_arm"] / values["screw.lead"]
                  / cos(values["kinematics.initial_angle"]) ** 2)
 
 
-def test_breakaway_is_the_friction_at_the_hinge_and_below_it_the_fin_is_locked() -> None:
+def test_breakaway_is_the_friction_at_the_hinge() -> None:
     parameters = load_parameters().with_values({"friction.fin_coulomb": 3.0})
     values = parameters.values
     found = stiffness.measure(Rig(ParameterSubject(parameters)))
     for side in ("positive", "negative"):
         expected = _ratio(values) * values[f"friction.coulomb.{side}[0]"] + 3.0
-        # A thousandth of the rated load, as the report tells.
+        # The resolution is a thousandth of the rated load.
         assert expected - 1e-6 <= found.figures["breakaway"][f"{side}_n_m"] <= expected + 0.1
     assert found.figures["unpowered_below_breakaway"]["friction_locked"] is True
     assert "unpowered_below_breakaway" not in found.curves
@@ -179,13 +176,13 @@ def test_unpowered_without_friction_is_an_inertia() -> None:
     inertia = fin + _ratio(values) ** 2 * motor
     curve = found.curves["unpowered_above_breakaway"]
     fast = curve["frequency_hz"] >= 5.0
-    # Below 5 Hz the fin moves by degrees, and the ratio changes on the way; above, less than 0.1 deg, by under 0.1 %.
+    # Below 5 Hz the fin moves by degrees, and the ratio changes; above 5 Hz by less than 0.1 deg and 0.1 %.
     expected = inertia * (2 * pi * curve["frequency_hz"][fast]) ** 2
     assert curve["stiffness_n_m_per_rad"][fast] == pytest.approx(expected, rel=5e-3)
     assert np.abs(curve["phase_deg"][fast]) == pytest.approx(180.0, abs=1.0)
 
 
-def test_self_locking_is_told() -> None:
+def test_report_says_that_the_actuator_is_self_locking() -> None:
     parameters = load_parameters().with_values({"friction.fin_coulomb": 500.0})
     found = stiffness.measure(Rig(ParameterSubject(parameters)))
     assert all(isnan(value) for value in found.figures["breakaway"].values())
@@ -196,13 +193,13 @@ def test_self_locking_is_told() -> None:
 def test_energies_of_a_sine() -> None:
     time = np.linspace(0.0, 1.0, 2001)
     drawn, regenerated = metrics.energies(time, np.sin(2 * pi * time))
-    # The trapezoid is out by h^2/12 times the change of slope, 4 pi: 2.6e-7.
+    # The trapezoidal rule is off by h^2/12 times the change of slope, 4 pi: 2.6e-7.
     assert drawn == pytest.approx(1.0 / pi, abs=1e-6)
     assert regenerated == pytest.approx(1.0 / pi, abs=1e-6)
 
 
 @pytest.mark.parametrize(("limit", "load"), [(20.0, 100.0), (12.0, 7.0)])
-def test_synthetic_mission_is_what_it_is_said_to_be(limit: float, load: float) -> None:
+def test_synthetic_mission_keeps_range_rate_and_load(limit: float, load: float) -> None:
     command, moment = mission.synthetic(limit, load)
     assert len(command) == len(moment) == 15001
     assert 0.85 * limit < np.max(np.abs(command)) <= limit
@@ -219,15 +216,14 @@ def test_steps_and_slew_of_a_second_order_system() -> None:
     natural = (subject.stiffness / subject.mass) ** 0.5
     damping = subject.damping / (2.0 * subject.mass * natural)
     overshoot = 100.0 * np.exp(-pi * damping / (1.0 - damping**2) ** 0.5)
-    for figures in found.figures.values():  # linear: every size and sign alike
-        assert figures["overshoot_percent"] == pytest.approx(overshoot, abs=0.1)  # the row next to the peak
+    for figures in found.figures.values():  # linear: equal for every size and sign
+        assert figures["overshoot_percent"] == pytest.approx(overshoot, abs=0.1)  # the row nearest to the peak
         assert figures["steady_error_deg"] == pytest.approx(0.0, abs=1e-9)
     slew = responses.slews(Rig(subject)).figures
-    # An subject without a rate of its own: the mean over the travel is from the angle, 24 of 40 deg over the time
-    # from 20 to 80 %, which does not depend on the direction.
+    # Without the output fin_rate the sustained rate is computed from the angle, alike in both directions.
     assert slew["unloaded_positive"]["sustained_rate_deg_per_s"] == pytest.approx(
         slew["unloaded_negative"]["sustained_rate_deg_per_s"], rel=1e-9)
-    # 100 N.m deflects this spring by 0.64 deg: it arrives late against the load, early with it.
+    # 100 N.m deflects this spring by 0.64 deg: the fin arrives later against the load and earlier with it.
     times = [slew[f"{load}_positive"]["time_to_90_percent_s"] for load in ("aiding", "unloaded", "opposing")]
     assert times == sorted(times)
     assert times[0] < times[2]
@@ -248,7 +244,7 @@ def test_encoder_count_at_the_fin(values: Mapping[str, Any]) -> None:
 @pytest.mark.parametrize("initial", [0.0, 40.0])
 @pytest.mark.parametrize("model", ["nonlinear", "habibi"])
 def test_encoder_count_is_the_largest_motion_of_a_count(model: str, initial: float) -> None:
-    """By differences of the fin angle at 2,001 motor angles over the range of commands; 1e-3 is for their curvature."""
+    """Compare with differences of the fin angle at 2,001 motor angles; 1e-3 is for their curvature."""
     parameters = load_parameters(model=model).with_values({"kinematics.initial_angle": radians(initial)})
     p = parameters.actuator.plant(parameters.values)
     turn = 2.0 * pi / (p.encoder.pulses * p.encoder.multiplier)
@@ -259,7 +255,7 @@ def test_encoder_count_is_the_largest_motion_of_a_count(model: str, initial: flo
     assert accuracy.count(ParameterSubject(parameters))[0] == pytest.approx(expected, rel=1e-3)
 
 
-def test_broken_subject_is_told() -> None:
+def test_error_if_a_run_ends_early() -> None:
     with pytest.raises(StoppedError, match=r"no further than 0\.01 s: error: the bridge is open"):
         responses.steps(Rig(Broken()))
 
@@ -267,11 +263,11 @@ def test_broken_subject_is_told() -> None:
 @pytest.mark.parametrize(("key", "unit"), [
     ("rise_time_s", "s"), ("sustained_rate_deg_per_s", "deg/s"), ("stiffness_1hz_n_m_per_rad", "N.m/rad"),
     ("positive_n_m", "N.m"), ("lowest_coherence", "1"), ("overshoot_percent", "%"), ("peak_gain_db", "dB")])
-def test_a_figure_tells_its_unit(key: str, unit: str) -> None:
+def test_unit_of_a_figure(key: str, unit: str) -> None:
     assert unit_of(key) == unit
 
 
-def test_groups_that_share_nothing_are_tables_of_their_own() -> None:
+def test_groups_without_common_figures_are_separate_tables() -> None:
     keys = tuple(Quantity(k, "", k) for k in ("a_s", "b_s", "c_s"))
     groups = {"one": {"a_s": 1.0}, "two": {"b_s": 1.0, "c_s": 2.0}, "three": {"b_s": 3.0}}
     outcome = Outcome("m", {name: Group(name, figures) for name, figures in groups.items()}, quantities=keys)

@@ -1,4 +1,4 @@
-"""`emcas report` as a user meets it: FMU or parameter file, requirements met and missed, wrong requests."""
+"""`emcas report` of FMUs and parameter files: figures, requirements, pages, and errors."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ minimum = "19.8 deg"
 
 def specification(folder: Path, limit: str = "1 deg", figure: str = "static_accuracy.grid.hysteresis_deg",
                   sense: str = "maximum", name: str = "hysteresis", more: str = "") -> Path:
-    """Write requirements: the range, and one on a figure of the report."""
+    """Write a file with two requirements, on the range and on a figure of the report, and return its path."""
     path = folder / "specification.toml"
     path.write_text(f'{RANGE}[[requirements]]\nname = "{name}"\nfigure = "{figure}"\n{sense} = "{limit}"\n{more}\n',
                     encoding="utf-8")
@@ -84,41 +84,38 @@ def specification(folder: Path, limit: str = "1 deg", figure: str = "static_accu
 
 
 def loaded(folder: Path, *arguments: str, model: str = NONLINEAR, **more: str) -> Specification:
-    """Return these requirements, for an actuator."""
+    """Return these requirements for an actuator."""
     return load_requirements(specification(folder, *arguments, **more), load_parameters(model=model))
 
 
-def judged_of(specification: Specification, found: Result) -> list[Any]:
-    """Judge requirements on figures of a report that was made before."""
+def judge_result(specification: Specification, found: Result) -> list[Any]:
+    """Judge requirements on the figures of an existing report."""
     rows = judge(ParameterSubject(load_parameters()), Specification(specification.requirements[1:]))
     return [_of_report(each, found.outcomes, specification.file, optional=False) for each in rows]
 
 
 @pytest.mark.slow
 def test_fmu_and_parameter_set_give_the_same_figures(native: Path, shipped: Result) -> None:
-    """The Python FMU has the native one's bits (tests/parity)."""
+    """The native FMU gives the kernel's bits, and the Python FMU those of the native FMU (tests/parity)."""
     with open_subject(native) as subject:
         by_fmu = carry_out(subject)
-    there, here = dict(flat(by_fmu.outcomes)), dict(flat(shipped.outcomes))
-    assert there.keys() == here.keys()
-    # The FMU takes the same steps in the same order at the same times: the bits are the same.
-    different = {name for name in here if there[name] != here[name] and not (isnan(there[name]) and isnan(here[name]))}
-    assert not different
+    figures, expected = dict(flat(by_fmu.outcomes)), dict(flat(shipped.outcomes))
+    assert figures.keys() == expected.keys()
+    assert [name for name, value in expected.items()
+            if figures[name] != value and not (isnan(figures[name]) and isnan(value))] == []
     assert [j.measured for j in by_fmu.judged] == [j.measured for j in shipped.judged]
     assert by_fmu.about.parameters_sha256 == shipped.about.parameters_sha256
     assert by_fmu.about.estimates == shipped.about.estimates
     assert by_fmu.about.guid.startswith("{")
 
 
-def test_requirements_are_those_of_validate(shipped: Result) -> None:
-    """The rows and figures are those that `emcas validate` judges, to the bit; the slow test above has an FMU's."""
+def test_verdicts_equal_those_of_validate(shipped: Result) -> None:
     parameters = load_parameters()
     assert list(shipped.judged) == judge(ParameterSubject(parameters), load_requirements(None, parameters))
-    assert shipped.passed  # that the shipped set meets its requirements is what the project claims
+    assert shipped.passed  # the documentation says so
 
 
-def test_loads_of_requirements(shipped: Result, tmp_path: Path) -> None:
-    """They are not the option's: terminal and page say so where they differ from one that was chosen."""
+def test_note_if_the_chosen_load_differs_from_the_loads_of_the_requirements(shipped: Result, tmp_path: Path) -> None:
     chosen = replace(shipped, load=400.0)
     note = ("tests and mission have a load of 400 N.m, but requirements are judged under their own: 100 N.m: "
             "accuracy_loaded, endurance, load_recovery, load_step, loaded_rate, loaded_rate_low_supply, rated_current, "
@@ -128,15 +125,15 @@ def test_loads_of_requirements(shipped: Result, tmp_path: Path) -> None:
     assert not shipped.load_note
 
 
-def test_figures_hang_together(shipped: Result) -> None:
-    """Properties for any gains."""
+def test_figures_are_consistent(shipped: Result) -> None:
+    """These relations hold for any gains."""
     figures = {name: outcome.figures for name, outcome in shipped.outcomes.items()}
     slew = figures["slew_rate"]
     for direction in ("positive", "negative"):
         rates = [slew[f"{load}_{direction}"]["sustained_rate_deg_per_s"] for load in ("opposing", "unloaded", "aiding")]
         assert rates == sorted(rates)
     grid = figures["static_accuracy"]["grid"]
-    # Reversal is the distance of two means, each within the largest error; accuracy encloses both.
+    # Hysteresis is the difference of two means, each within the largest error; bidirectional accuracy encloses both.
     assert grid["hysteresis_deg"] <= 2.0 * grid["largest_error_deg"]
     assert grid["hysteresis_deg"] <= grid["bidirectional_accuracy_deg"]
     mission = figures["mission"]["synthetic"]
@@ -151,7 +148,7 @@ def test_figures_hang_together(shipped: Result) -> None:
 
 
 class _Page(HTMLParser):
-    """Whether tags are balanced, what is linked to, and the text of every signature cell."""
+    """Parser that checks that tags are balanced, and lists links and tags."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -160,31 +157,29 @@ class _Page(HTMLParser):
         self.tags: set[str] = set()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Note a tag and what it refers to."""
         self.tags.add(tag)
         self.links += [value or "" for name, value in attrs if name in ("src", "href", "xlink:href")]
         if tag not in ("meta", "br", "wbr"):
             self.open.append(tag)
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Note a tag that closes itself."""
         self.handle_starttag(tag, attrs)
         self.open.pop()
 
     def handle_endtag(self, tag: str) -> None:
-        """Close the tag opened last."""
         assert self.open.pop() == tag
 
 
 @pytest.mark.drawn
-def test_page_is_whole_and_holds_everything(shipped: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_page_has_all_figures_and_parameters_and_loads_no_other_file(
+        shipped: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
     text = page(shipped, tmp_path)
     parsed = _Page()
     parsed.feed(text)
     assert parsed.open == []
     assert all(link.startswith("#") for link in parsed.links)
-    assert text.count("<svg") == 7  # a picture for each test but those of thresholds and stepping
+    assert text.count("<svg") == 7  # one for each test except thresholds and stepping
     for outcome in shipped.outcomes.values():
         assert f'id="{outcome.name}"' in text
         for q in (q for rows, _ in outcome.tables() for q in rows):
@@ -201,33 +196,32 @@ def test_page_is_whole_and_holds_everything(shipped: Result, tmp_path: Path, mon
     for name, value in shipped.parameters.items():
         cell = f'<td class="n">{number(value).replace("-", "−")}</td>'
         assert f"<code>{name.replace('_', '_<wbr>')}</code></td>{cell}" in text
-    assert "required 220°/s" in text  # beside the figure it limits
+    assert "required 220°/s" in text  # beside the limited figure
 
 
-def test_a_date_is_shown_and_a_revision_ends_no_style_sheet(shipped: Result, tmp_path: Path) -> None:
-    """Any content is between the quotes, unchanged."""
-    given = 'AT "7\\"; } body { display: none }\n</style><b>'
-    write_report(shipped, tmp_path / "page.html", "2026-03-31", given, given)
+def test_document_and_revision_are_escaped_in_the_style_sheet(shipped: Result, tmp_path: Path) -> None:
+    name = 'AT "7\\"; } body { display: none }\n</style><b>'
+    write_report(shipped, tmp_path / "page.html", "2026-03-31", name, name)
     text = (tmp_path / "page.html").read_text("utf-8")
     assert "<th>date</th><td>2026-03-31</td>" in text
     line = re.search(r'@bottom-left \{ content: "([^"\n]*)"; font', text)
     assert line is not None
     assert "<" not in line[1]
-    assert re.sub(r"\\([0-9a-f]+) ", lambda found: chr(int(found[1], 16)), line[1]) == f"{given} rev. {given}"
+    assert re.sub(r"\\([0-9a-f]+) ", lambda found: chr(int(found[1], 16)), line[1]) == f"{name} rev. {name}"
 
 
 @pytest.mark.slow
 @pytest.mark.drawn
-def test_command_writes_the_same_bytes_and_no_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_are_reproducible_and_contain_no_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
     (tmp_path / "my_actuator.toml").write_text('[command]\nlimit = "15 deg"\n', encoding="utf-8")
     written = []
     for folder in (tmp_path / "one", tmp_path / "two"):
         folder.mkdir()
-        monkeypatch.chdir(folder)  # the page has the command as it was given
+        monkeypatch.chdir(folder)  # the page contains the command line
         found = emcas("../my_actuator.toml", "-o", "report.html", "--json", "figures.json", "--junit", "junit.xml",
                       "--requirements", specification(folder).name, "--document", "AT-0042", "--revision", "B")
-        # 15 deg are not the 20 deg of the range: the article has to fail, and for no other reason.
+        # A command limit of 15 deg misses the range of 20 deg, and no other requirement.
         assert found.exit_code == 1, found.output
         written.append([(folder / name).read_bytes() for name in ("report.html", "figures.json", "junit.xml")])
         assert all(str(tmp_path).encode() not in data for data in written[-1])
@@ -258,7 +252,7 @@ def test_command_on_the_shipped_parameters(tmp_path: Path) -> None:
     assert "1 of 2 requirements is not met" in missed.output
 
 
-def test_mission_from_a_file(tmp_path: Path) -> None:
+def test_mission_may_be_a_file(tmp_path: Path) -> None:
     path = tmp_path / "flight.csv"
     path.write_text("time,fin_command\n0,0\n0.1,0.1\n0.5,0.1\n", encoding="utf-8")
     found = emcas("--model", "second-order", "-o", tmp_path / "report.html", "--mission", path, "--json",
@@ -283,7 +277,7 @@ def test_mission_from_a_file(tmp_path: Path) -> None:
     (["--mission", "{tmp}/instant.csv"], "instant.csv"),
     (["--requirements", "{tmp}/absent.toml"], "cannot be read"),
 ])
-def test_wrong_requests(arguments: list[str], message: str, tmp_path: Path) -> None:
+def test_error_names_the_option_and_the_remedy(arguments: list[str], message: str, tmp_path: Path) -> None:
     for name in ("text.txt", "text.fmu"):
         (tmp_path / name).write_text("no table\nno archive\n", encoding="utf-8")
     (tmp_path / "instant.csv").write_text("time,fin_command\n0,0\n", encoding="utf-8")
@@ -294,7 +288,7 @@ def test_wrong_requests(arguments: list[str], message: str, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(("limit", "expected"), [("1 deg", 1.0), ("0.001 rad", 0.05729577951308232), ("6 arcmin", 0.1)])
-def test_limits_in_any_unit_of_the_quantity(limit: str, expected: float, tmp_path: Path) -> None:
+def test_limit_may_have_any_unit_of_its_quantity(limit: str, expected: float, tmp_path: Path) -> None:
     wanted = loaded(tmp_path, limit).requirements[1]
     assert wanted.limit == pytest.approx(expected, rel=1e-12)
     assert (wanted.shown, wanted.sense) == (("deg", 1.0), "maximum")
@@ -305,7 +299,7 @@ def test_limits_in_any_unit_of_the_quantity(limit: str, expected: float, tmp_pat
     ("frequency_response.1deg.lowest_coherence", "0.9", 0.9),
     ("dynamic_stiffness.powered.stiffness_10hz_n_m_per_rad", "1 N.m/deg", 57.29577951308232),
     ("slew_rate.unloaded_positive.peak_rate_deg_per_s", "1 rad/s", 57.29577951308232)])
-def test_limits_of_other_quantities(figure: str, limit: str, expected: float, tmp_path: Path) -> None:
+def test_limit_is_converted_to_the_unit_of_its_figure(figure: str, limit: str, expected: float, tmp_path: Path) -> None:
     wanted = loaded(tmp_path, limit, figure, "minimum").requirements[1]
     assert wanted.limit == pytest.approx(expected, rel=1e-12)
     assert wanted.sense == "minimum"
@@ -330,7 +324,7 @@ A = "[[requirements]]\nname = 'a'\n"
     (A + "figure = 'b.c.d_s'\nlimit = '1 s'\nsense = '<='", "unknown key 'limit'"),
     (2 * (A + "figure = 'b.c.d_s'\nmaximum = '1 s'\n"), "appears twice"),
 ])
-def test_unsound_requirements(text: str, message: str, tmp_path: Path) -> None:
+def test_error_names_the_entry_of_a_requirement(text: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "wrong.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(EmcasError, match=r"wrong\.toml") as raised:
@@ -341,34 +335,34 @@ def test_unsound_requirements(text: str, message: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(("figure", "message"), [
     ("static_accuracy.grid.hysteresis", "did you mean static_accuracy.grid.hysteresis_deg?"),
     ("dynamic_stiffness.powered.friction_locked", "there is no such figure that is a number")])
-def test_requirement_of_no_figure(figure: str, message: str, tmp_path: Path, shipped: Result) -> None:
+def test_unknown_figure_is_refused(figure: str, message: str, tmp_path: Path, shipped: Result) -> None:
     wanted = loaded(tmp_path, "1 deg" if figure.endswith("_deg") else "1", figure)
     with pytest.raises(EmcasError, match=r"specification\.toml: requirements\.hysteresis\.figure = ") as raised:
-        judged_of(wanted, shipped)
+        judge_result(wanted, shipped)
     assert message in str(raised.value)
 
 
-def test_margin_is_negative_where_a_limit_is_missed(shipped: Result, tmp_path: Path) -> None:
+def test_margin_is_negative_if_a_limit_is_missed(shipped: Result, tmp_path: Path) -> None:
     figure = "step_response.plus_1deg.rise_time_s"
     measured = float(dict(flat(shipped.outcomes))[figure])
     for sense, share, passed in (("maximum", 2.0, True), ("maximum", 0.5, False), ("minimum", 0.5, True),
                                  ("minimum", 2.0, False)):
         wanted = loaded(tmp_path, f"{share * measured!r} s", figure, sense)
-        (judged,) = judged_of(wanted, shipped)
+        (judged,) = judge_result(wanted, shipped)
         assert judged.passed is passed
         expected = (1 if passed else -1) * abs(share - 1.0)
-        # A limit is shown to nine places: 1e-9 of some 0.02 s.
+        # The limit is rounded to nine decimals.
         assert judged.margin == pytest.approx(expected * measured, abs=1e-9)
         assert judged.margin_percent == pytest.approx(expected / share * 100.0, rel=1e-5)
 
 
 @contextmanager
-def _handing(subject: Subject) -> Iterator[Subject]:
+def _opened(subject: Subject) -> Iterator[Subject]:
     yield subject
 
 
 @pytest.mark.drawn
-def test_article_that_stops_is_a_failure_and_not_a_crash(tmp_path: Path) -> None:
+def test_report_of_an_article_whose_runs_end_early(tmp_path: Path) -> None:
     found = carry_out(Broken(), specification=loaded(tmp_path))
     assert not found.passed
     assert set(found.stopped) == set(TESTS)
@@ -380,8 +374,8 @@ def test_article_that_stops_is_a_failure_and_not_a_crash(tmp_path: Path) -> None
     assert as_dict(found)["methods"]["mission"]["stopped"].endswith("the bridge is open")
 
 
-def test_command_on_an_article_that_stops(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("emcas_fmu.bench.fmu_subject.open_subject", lambda *_, **__: _handing(Broken()))
+def test_command_fails_if_runs_end_early(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("emcas_fmu.bench.fmu_subject.open_subject", lambda *_, **__: _opened(Broken()))
     found = emcas("-o", tmp_path / "report.html", "--junit", tmp_path / "junit.xml")
     assert found.exit_code == 1
     assert "Mission profile: not finished: " in found.output
@@ -395,9 +389,9 @@ def test_command_on_an_article_that_stops(tmp_path: Path, monkeypatch: pytest.Mo
     pytest.param({"controller.position.kp": 0.0, "controller.position.ki": 0.0}, id="dead"),
     pytest.param({"friction.fin_coulomb": 9e3}, id="stuck")])
 @pytest.mark.slow
-def test_article_that_does_not_move_fails_without_a_crash(entry: dict[str, float], tmp_path: Path) -> None:
+def test_report_of_an_article_that_does_not_move(entry: dict[str, float], tmp_path: Path) -> None:
     found = carry_out(ParameterSubject(load_parameters().with_values(entry)))
-    # What does not move has no rest to judge: what passes says nothing of a motion, and none of Table 2 does.
+    # Requirements without a motion may be met, but none of Table 2.
     assert not found.passed
     assert [j.name for j in found.judged if j.passed and "Table 2" in j.source] == []
     figures = dict(flat(found.outcomes))
@@ -414,7 +408,7 @@ def test_progress_counts_every_test(shipped: Result, progress: list[tuple[str, i
     assert {total for *_, total in progress} == {len(TESTS) + 1}
 
 
-def test_json_has_no_value_json_does_not_know(shipped: Result) -> None:
+def test_json_has_no_infinity_and_no_nan(shipped: Result) -> None:
     document: Any = plain(as_dict(shipped))
     text = json.dumps(document, allow_nan=False)
     assert json.loads(text)["schema"] == "emcas-acceptance/2"
@@ -423,11 +417,11 @@ def test_json_has_no_value_json_does_not_know(shipped: Result) -> None:
     assert len(grid["command_deg"]) == len(grid["error_from_above_deg"])
 
 
-def test_the_credibility_card_has_figures_of_the_tests(shipped: Result, tmp_path: Path) -> None:
+def test_credibility_card_has_figures_of_the_tests(shipped: Result, tmp_path: Path) -> None:
     document: Any = plain(as_dict(shipped))
     facts = {fact["what"]: fact for factor in document["credibility"]["factors"] for fact in factor["facts"]}
-    off = [group["fin_angle_deg"] for group in document["figures"]["stepping"].values()]
-    assert facts["accuracy of the stepping, checked with a shorter tick"]["value"] == max(off)
+    errors = [group["fin_angle_deg"] for group in document["figures"]["stepping"].values()]
+    assert facts["accuracy of the stepping, checked with a shorter tick"]["value"] == max(errors)
     static = {what: fact["value"] for what, fact in facts.items() if what.startswith("largest static error, ")}
     assert [*static.values()] == [group["largest_error_deg"]
                                   for group in document["figures"]["static_accuracy"].values()]
@@ -438,8 +432,8 @@ def test_the_credibility_card_has_figures_of_the_tests(shipped: Result, tmp_path
     assert all(f"<td>{what}</td>" in text for what in facts)
 
 
-def test_a_bandwidth_beyond_those_looked_for_is_a_bound(tmp_path: Path) -> None:
-    file = tmp_path / "asked.toml"
+def test_bandwidth_outside_the_searched_range_is_a_bound(tmp_path: Path) -> None:
+    file = tmp_path / "bandwidth.toml"
     file.write_text("".join(f"""[[requirements]]
 name = "{name}"
 figure = "frequency_response.1deg.bandwidth_3db_hz"
@@ -456,7 +450,7 @@ figure = "frequency_response.1deg.bandwidth_3db_hz"
 
 
 @pytest.mark.parametrize(("more", "skipped"), [("", False), ("optional = true", True)])
-def test_what_needs_an_output_the_actuator_lacks_is_not_applicable(more: str, skipped: bool, tmp_path: Path) -> None:
+def test_figure_of_a_missing_output_is_not_applicable(more: str, skipped: bool, tmp_path: Path) -> None:
     wanted = loaded(tmp_path, "5 A", "mission.synthetic.motor_current_rms_a", more=more)
     found = carry_out(Play(outputs=FIN_PORT), specification=wanted)
     assert not found.stopped
@@ -467,7 +461,7 @@ def test_what_needs_an_output_the_actuator_lacks_is_not_applicable(more: str, sk
     why = found.outcomes["mission"].not_applicable
     assert why["motor_current_rms_a"] == "this actuator has no motor_current"
     assert why["net_energy_j"] == "this actuator has no supply_power"
-    # A required figure without a value is not met; an optional one is not counted.
+    # A requirement whose figure has no value is missed, or skipped if it is optional.
     last = found.judged[-1]
     assert (last.passed, last.skipped, last.note) == (
         False, skipped, "not applicable: this actuator has no motor_current")
@@ -483,13 +477,13 @@ def test_what_needs_an_output_the_actuator_lacks_is_not_applicable(more: str, sk
 @pytest.mark.parametrize("model", others_slow(
     (name for name in (*NAMES, "elastic+stribeck+heat+faults") if name != NONLINEAR),
     lambda name: name == "second-order"))
-def test_every_actuator(model: str, tmp_path: Path) -> None:
+def test_report_of_every_actuator(model: str, tmp_path: Path) -> None:
     found = emcas("--model", model, "-o", tmp_path / "report.html", "--json", tmp_path / "figures.json")
     assert found.exit_code in (0, 1), found.output
     document = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
     assert document["identification"]["model"] == model
     assert not [name for name, method in document["methods"].items() if method["stopped"]]
-    # Whatever drives the fin, it goes where it is commanded: to within a tenth of a step of 1 deg.
+    # Every actuator follows a step of 1 deg within a tenth.
     assert abs(document["figures"]["step_response"]["plus_1deg"]["steady_error_deg"]) < 0.1
     assert document["figures"]["frequency_response"]["1deg"]["bandwidth_3db_hz"] > 1.0
     assert model in (tmp_path / "report.html").read_text(encoding="utf-8")

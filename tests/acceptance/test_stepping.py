@@ -1,4 +1,4 @@
-"""What the report says of the stepping, against the independent integration; and what notes of ticks say."""
+"""The stepping error in the report, and in the notes of `solver.max_tick`, agrees with the independent integration."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.marks import slow
 
 pytestmark = pytest.mark.acceptance
 
-# A lighter, faster unit than the shipped one, at its tick; its velocity gain goes with inertia over torque constant.
+# A lighter and faster actuator with the shipped tick; its velocity gain is scaled with inertia over torque constant.
 LIGHT: Mapping[str, Any] = {
     "kinematics.moment_arm": "42 mm", "screw.lead": "2.5 mm/rev", "inertia.motor": "3.1e-5 kg*m^2",
     "motor.torque_constant": "0.062 N*m/A", "motor.back_emf_constant": "0.062 V*s/rad",
@@ -27,8 +27,8 @@ LIGHT: Mapping[str, Any] = {
     "controller.velocity.kp": "0.0093 V*s/rad"}
 
 
-def off(parameters: ParameterSet, name: str) -> float:
-    """Largest distance of the fin angle [deg] from the independent integration."""
+def stepping_error(parameters: ParameterSet, name: str) -> float:
+    """Return the largest difference [deg] of the fin angle from the independent integration in the named case."""
     case = {case.name: case for case in files.cases(parameters.model, parameters.values)}[name]
     inputs: dict[str, Any] = {column: values for column, values in case.inputs().items() if column != "time"}
     run = simulate({**parameters.values, **case.overrides}, case.stop_time, case.step, model=parameters.model, **inputs)
@@ -36,33 +36,33 @@ def off(parameters: ParameterSet, name: str) -> float:
 
 
 @pytest.mark.parametrize("changes", [{}, LIGHT], ids=["shipped", "light"])
-def test_the_difference_is_what_the_stepping_is_off(changes: Mapping[str, Any]) -> None:
+def test_reported_difference_is_about_the_stepping_error(changes: Mapping[str, Any]) -> None:
     parameters = load_parameters().with_values(changes)
     found = accuracy.stepping(Rig(ParameterSubject(parameters))).figures
     assert list(found) == ["step", "load_opposing", "cold", "sag"]
     for name in ("step", "cold"):
-        # A quarter of the tick leaves a sixteenth where the order is two, a quarter where it is one; 0.93 to 0.98 was
-        # found of the light unit.
-        assert 0.5 < found[name]["fin_angle_deg"] / off(parameters, name) < 1.3
+        # The report compares with a quarter of the tick, whose error is a sixteenth (order two) or a quarter (order
+        # one). Measured with the light actuator: 0.93 to 0.98.
+        assert 0.5 < found[name]["fin_angle_deg"] / stepping_error(parameters, name) < 1.3
 
 
-def test_the_sag_is_of_the_articles_supply() -> None:
+def test_sag_is_relative_to_the_articles_supply_voltage() -> None:
     outcome = accuracy.stepping(Rig(ParameterSubject(load_parameters().with_values(LIGHT))))
     assert "from 48 to 34.5 V" in outcome.groups["sag"].label
 
 
-def test_a_coarser_tick_shows() -> None:
+def test_coarser_tick_increases_the_difference() -> None:
     fine, coarse = (accuracy.stepping(Rig(ParameterSubject(load_parameters().with_values({
         "solver.max_tick": tick})))).figures["step"]["fin_angle_deg"] for tick in (0.2e-3, 0.7e-3))
     assert coarse > 3.0 * fine
 
 
 @pytest.mark.parametrize("model", ["nonlinear", *slow("clutch", "series-clutch")])
-def test_notes_of_ticks_say_what_is_so(model: str) -> None:
+def test_note_of_max_tick_has_the_largest_stepping_error(model: str) -> None:
     parameters = load_parameters(model=model)
     (note,) = (e.note for e in parameters.entries if e.variable.name == "solver.max_tick")
-    said = re.search(r"Checked with the [a-z ]+: every reference case is within ([\d.]+) deg", note)
-    assert said is not None
-    worst = max(off(parameters, case.name) for case in files.cases(parameters.model, parameters.values))
-    # The note is rounded up to a digit that holds on any processor: 0.00022 deg on one, below 0.0002 on another.
-    assert float(said[1]) / 3.0 < worst < float(said[1])
+    bound = re.search(r"Checked with the [a-z ]+: every reference case is within ([\d.]+) deg", note)
+    assert bound is not None
+    worst = max(stepping_error(parameters, case.name) for case in files.cases(parameters.model, parameters.values))
+    # The note is rounded up, since rounding differs between processors: 0.00022 deg, or less than 0.0002 deg.
+    assert float(bound[1]) / 3.0 < worst < float(bound[1])
