@@ -1,4 +1,4 @@
-"""Baselines recorded through the command, as a user does."""
+"""Baselines recorded by the command."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from emcas_fmu.cli import app
 
 
 def emcas(*arguments: str | Path, code: int = 0) -> str:
-    """What `emcas baseline` prints with these arguments; it has to end with `code`."""
+    """Return the output of `emcas baseline`, which must exit with `code`."""
     result = CliRunner().invoke(app, ["baseline", *map(str, arguments)])
     assert result.exit_code == code, result.output
     assert "Traceback" not in result.output
@@ -20,17 +20,17 @@ def emcas(*arguments: str | Path, code: int = 0) -> str:
 
 
 def record(folder: Path, *arguments: str | Path, article: str | Path = "actuator.toml", code: int = 0) -> str:
-    """What it prints when an article of a folder is recorded in the folder's baseline."""
+    """Record an article of the folder in the folder's baseline, and return the output."""
     return emcas("record", folder / article, "--output", folder / "baseline", *arguments, code=code)
 
 
 def check(folder: Path, *arguments: str | Path, article: str | Path = "actuator.toml", code: int = 0) -> str:
-    """What it prints when an article of a folder is compared with the folder's baseline."""
+    """Compare an article of the folder with the folder's baseline, and return the output."""
     return emcas("check", folder / article, "--baseline", folder / "baseline", *arguments, code=code)
 
 
 def edit(file: Path, old: str, new: str) -> None:
-    """Replace a text that is in a file."""
+    """Replace a text in a file, which must contain it."""
     text = file.read_text()
     assert old in text
     file.write_text(text.replace(old, new))
@@ -47,7 +47,7 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def folder(shipped: Path, tmp_path: Path) -> Path:
-    """A copy of it, to change."""
+    """A copy of the folder `shipped`, which a test may change."""
     return Path(shutil.copytree(shipped, tmp_path / "repository"))
 
 

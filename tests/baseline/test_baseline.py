@@ -1,4 +1,4 @@
-"""A baseline: what it notices, what it does not, and what it says."""
+"""Baselines: changes that are drift, changes that are not, and the outputs."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ from .conftest import SHORT, check, edit, emcas, record
 
 
 def drift(shipped: Path, changes: Mapping[str, object]) -> list[Row]:
-    """What drifts when parameters of the shipped set are changed."""
+    """Return the drifted rows of the shipped set with changed parameters."""
     subject = ParameterSubject(load_parameters().with_values(changes))
     return list(compare(read(shipped / "baseline"), subject, shipped / "baseline").drifted)
 
 
 @pytest.mark.parametrize("changes", [{}, {"solver.max_tick": 3.5e-4}, {"mounting.azimuth": 0.5}])
-def test_what_means_nothing_is_no_drift(shipped: Path, changes: Mapping[str, object]) -> None:
-    """Nothing changed, finer ticks, another place on the body with gravity off."""
+def test_change_without_effect_is_no_drift(shipped: Path, changes: Mapping[str, object]) -> None:
+    """Nothing, finer ticks, another azimuth without gravity."""
     assert not drift(shipped, changes)
 
 
 @pytest.mark.parametrize(("name", "factor"), [("screw.lead", 1.002), ("drive.transport_delay", 1.002),
                                               ("controller.position.kp", 1.01), ("motor.torque_constant", 0.98),
                                               ("motor.resistance", 1.05)])
-def test_what_matters_is_drift(shipped: Path, values: Mapping[str, Any], name: str, factor: float) -> None:
+def test_change_with_effect_is_drift(shipped: Path, values: Mapping[str, Any], name: str, factor: float) -> None:
     assert drift(shipped, {name: values[name] * factor})
 
 
-def test_a_finer_tick_leaves_most_of_every_limit(shipped: Path) -> None:
-    """docs/tools/ci.md: 47 % of the nearest limit, of a power peak's; the kernel gives the same on every machine."""
+def test_finer_tick_uses_less_than_half_of_every_limit(shipped: Path) -> None:
+    """docs/tools/ci.md: at most 47 % of a limit, that of a power peak."""
     subject = ParameterSubject(load_parameters().with_values({"solver.max_tick": 3.5e-4}))
     shares = [row.share for row in compare(read(shipped / "baseline"), subject, shipped / "baseline").rows]
     assert 0.0 < max(shares) < 0.5
@@ -51,16 +51,15 @@ def test_a_finer_tick_leaves_most_of_every_limit(shipped: Path) -> None:
 
 @pytest.mark.fmu
 @pytest.mark.parametrize("backend", [pytest.param("python", marks=pytest.mark.slow), "native"])
-def test_an_fmu_gives_the_figures_of_its_parameters(shipped: Path, units: Mapping[str, Path], tmp_path: Path,
-                                                    backend: str) -> None:
-    """Both compute the same bits, so what is written of them is the same text, figures and trajectories."""
+def test_baseline_of_an_fmu_equals_that_of_its_parameters(
+        shipped: Path, units: Mapping[str, Path], tmp_path: Path, backend: str) -> None:
     emcas("record", units[backend], "--output", tmp_path)
     for path in (shipped / "baseline").glob("*.csv"):
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()
-    ours, theirs = read(shipped / "baseline"), read(tmp_path)
-    assert {n: c.figures for n, c in ours.case.items()} == {n: c.figures for n, c in theirs.case.items()}
-    assert ours.parameters == theirs.parameters
-    assert theirs.recorded["guid"].startswith("{")
+    expected, by_fmu = read(shipped / "baseline"), read(tmp_path)
+    assert {n: c.figures for n, c in expected.case.items()} == {n: c.figures for n, c in by_fmu.case.items()}
+    assert expected.parameters == by_fmu.parameters
+    assert by_fmu.recorded["guid"].startswith("{")
 
 
 def test_recording_twice_gives_the_same_bytes(short: Path) -> None:
@@ -70,11 +69,11 @@ def test_recording_twice_gives_the_same_bytes(short: Path) -> None:
     assert {path: path.read_bytes() for path in (short / "baseline").iterdir()} == before
 
 
-def test_small_enough_to_review(shipped: Path) -> None:
+def test_baseline_is_smaller_than_100_kib(shipped: Path) -> None:
     assert sum(path.stat().st_size for path in (shipped / "baseline").iterdir()) < 100 * 1024
 
 
-def test_a_drift_in_every_output(folder: Path) -> None:
+def test_drift_is_in_every_output(folder: Path) -> None:
     (folder / "changed.toml").write_text('[motor]\ntorque_constant = "0.1 N*m/A"\n')
     files = {key: folder / f"out.{kind}" for key, kind in (
         ("json", "json"), ("junit", "xml"), ("markdown", "md"), ("report", "html"))}
@@ -98,19 +97,19 @@ def test_a_drift_in_every_output(folder: Path) -> None:
     page = files["report"].read_text()
     assert page.count(">DRIFT<") == len(drifted)
     assert page.count("<figure class=\"curves\">") == 7  # every case but the two sweeps
-    # A hash of 64 digits may be broken, the name before it may not.
+    # A line may break within a hash of 64 digits, but not within the name before it.
     assert re.search(r"<code>parameters_sha256</code></td><td class=\"how\">[0-9a-f]{64}</td>", page)
     assert "td:first-child code { overflow-wrap: normal; }" in page
-    # On paper nothing scrolls, and a heading or the head of a table stays with what is under it.
+    # On paper nothing scrolls, and no page ends after a heading or the head of a table.
     paper = page[page.index("@media print"):page.index("</style>")]
     for rule in (".wide { overflow: visible; }", "h1, h2, h3, caption { break-after: avoid; }",
                  "tbody tr:nth-child(-n+2), tr:has(> [colspan]) { break-after: avoid; }"):
         assert rule in paper
     check(folder, "--markdown", files["markdown"])
-    assert files["markdown"].read_text().startswith(markdown)  # appended, as other steps of a job do
+    assert files["markdown"].read_text().startswith(markdown)  # a second run appends to the file
 
 
-def test_cases_of_one_title_have_suites_of_their_own(short: Path) -> None:
+def test_cases_with_the_same_title_are_separate_suites(short: Path) -> None:
     (short / "baseline/baseline.toml").write_text(
         SHORT + SHORT[SHORT.index("[case.only]"):].replace("[case.only]", "[case.again]"))
     record(short)
@@ -119,7 +118,7 @@ def test_cases_of_one_title_have_suites_of_their_own(short: Path) -> None:
     assert [name.partition(": ")[0] for name in names] == ["only", "again"]
 
 
-def test_a_limit_of_the_user(short: Path) -> None:
+def test_limits_of_the_user_are_kept(short: Path) -> None:
     (short / "changed.toml").write_text('[motor]\ntorque_constant = "0.1 N*m/A"\n')
     file = short / "baseline/baseline.toml"
     check(short, article="changed.toml", code=1)
@@ -128,15 +127,14 @@ def test_a_limit_of_the_user(short: Path) -> None:
          '[case.only.limits]\nrise_time = { absolute = "20 ms", relative = "0 %" }\n[case.only.figures]')
     check(short, article="changed.toml")
     record(short, article="changed.toml")
-    kept = read(short / "baseline")
-    assert kept.case["only"].limits == {"rise_time": limit(20.0)}
-    assert kept.limits.traces == {"fin_angle": 5.0}
+    recorded = read(short / "baseline")
+    assert recorded.case["only"].limits == {"rise_time": limit(20.0)}
+    assert recorded.limits.traces == {"fin_angle": 5.0}
     record(short, "--fresh", article="changed.toml")
     assert len(read(short / "baseline").case) > 1
 
 
-def test_a_limit_of_one_case_is_used(short: Path) -> None:
-    """Tighter for a case than for all: what passed by the common limit drifts by its own."""
+def test_limit_of_a_case_replaces_the_common_limit(short: Path) -> None:
     (short / "changed.toml").write_text('[controller]\nposition.kp = "53.85 1/s"\n')
     check(short, article="changed.toml")
     edit(short / "baseline/baseline.toml", "[case.only.figures]",
@@ -146,21 +144,18 @@ def test_a_limit_of_one_case_is_used(short: Path) -> None:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_trajectory_drifts_either_way(shipped: Path, sign: float) -> None:
-    """A single wrong point, up or down, is found and reported with its sign."""
+def test_single_deviating_point_of_a_trajectory_is_drift(shipped: Path, sign: float) -> None:
     approved = read(shipped / "baseline")
     points = approved.traces["step"]["fin_angle"].copy()
     points[100] -= sign * 0.2
     baseline = approved.model_copy(update={"case": {"step": approved.case["step"]},
                                            "traces": {"step": {"fin_angle": points}}})
-    rows = compare(baseline, ParameterSubject(load_parameters()), shipped / "baseline").drifted
-    (row,) = rows
+    (row,) = compare(baseline, ParameterSubject(load_parameters()), shipped / "baseline").drifted
     assert (row.name, row.at) == ("fin_angle", 0.5)
-    assert row.now - row.approved == pytest.approx(sign * 0.2, abs=1e-3)  # of rounding in the file
+    assert row.now - row.approved == pytest.approx(sign * 0.2, abs=1e-3)  # rounding in the file
 
 
-def test_cases_of_the_user(short: Path) -> None:
-    """A file of inputs, a value of a parameter, another output; each comes back as it was written."""
+def test_case_with_an_input_file_start_values_and_another_output(short: Path) -> None:
     rows = [f"{k / 1000:g},{0.1 * (k > 50)},{-20.0 * (k > 100)}" for k in range(301)]
     (short / "baseline/flight.csv").write_text("\n".join(["time,fin_command,aero_torque", *rows]))
     file = short / "baseline/baseline.toml"
@@ -168,20 +163,20 @@ def test_cases_of_the_user(short: Path) -> None:
                     + '\n[case.replay]\nkind = "file"\nfile = "flight.csv"\n'
                     'start = { "friction.temperature" = "-6 degC", "encoder.enabled" = false }\n')
     record(short)
-    kept = read(short / "baseline")
-    assert kept.case["replay"].start == {"friction.temperature": -6.0, "encoder.enabled": False}
-    assert list(kept.traces["replay"]) == ["fin_angle", "motor_current"]
+    recorded = read(short / "baseline")
+    assert recorded.case["replay"].start == {"friction.temperature": -6.0, "encoder.enabled": False}
+    assert list(recorded.traces["replay"]) == ["fin_angle", "motor_current"]
     check(short)
 
 
-def test_a_command_beyond_the_range_is_reduced_once(tmp_path: Path) -> None:
+def test_commands_are_reduced_to_the_range_when_recorded(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text('[command]\nlimit = "12 deg"\n')
     record(tmp_path, article="small.toml")
     commands = {name: c.command for name, c in read(tmp_path / "baseline").case.items() if isinstance(c, Motion)}
     assert (commands["large_step"], commands["step"]) == (12.0, -5.0)
 
 
-def test_a_fin_that_does_not_move(tmp_path: Path) -> None:
+def test_figures_of_a_fin_that_does_not_move_are_never(tmp_path: Path) -> None:
     (tmp_path / "dead.toml").write_text('[drive]\nsupply_voltage = "0 V"\n')
     record(tmp_path, article="dead.toml")
     text = (tmp_path / "baseline/baseline.toml").read_text()
@@ -193,7 +188,7 @@ def test_a_fin_that_does_not_move(tmp_path: Path) -> None:
 
 
 def limit(absolute: float, relative: float = 0.0) -> Limit:
-    """A limit in ms and %."""
+    """Return a limit in ms and %."""
     return Limit.model_validate({"absolute": f"{absolute!r} ms", "relative": f"{relative!r} %"}, context=In("ms"))
 
 
@@ -209,11 +204,11 @@ def row(approved: float, now: float, allowed: Limit | None) -> Row:
     (nan, nan, limit(1.0), True), (nan, 3.0, limit(1e9), False), (3.0, nan, limit(1e9, 1000.0), False),
     (3.0, 300.0, None, True),
 ])
-def test_what_is_within_a_limit(approved: float, now: float, allowed: Limit | None, passed: bool) -> None:
+def test_row_passes_within_the_larger_limit(approved: float, now: float, allowed: Limit | None, passed: bool) -> None:
     assert row(approved, now, allowed).passed is passed
 
 
-def test_nothing_judged_is_no_pass(short: Path) -> None:
+def test_comparison_without_limits_or_with_an_early_end_does_not_pass(short: Path) -> None:
     subject = ParameterSubject(load_parameters())
     found = compare(read(short / "baseline"), subject, short / "baseline")
     assert found.passed
@@ -221,7 +216,7 @@ def test_nothing_judged_is_no_pass(short: Path) -> None:
     assert not replace(found, stopped={"only": "went no further than 0.1 s"}).passed
 
 
-def test_shares_and_units() -> None:
+def test_share_of_nan_is_infinite_and_figures_have_display_units() -> None:
     assert row(1.0, nan, limit(1.0)).share == inf
     assert {"fin_angle", "fin_rate", "motor_current", "motor_voltage", "supply_power"} < set(output_units("nonlinear"))
     assert {unit_of(name) for name in ALL} == {"ms", "%", "deg", "deg/s", "Hz", "dB", "A", "W", "J"}

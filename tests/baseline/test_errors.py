@@ -1,4 +1,4 @@
-"""What is wrong with a baseline or a request is named, with file and entry, and exit code 2."""
+"""Errors of baselines and options name file, entry and remedy, with exit code 2."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..fmu.built import lean
 from .conftest import check, edit, emcas, record
 
 
-@pytest.mark.parametrize(("old", "new", "said"), [
+@pytest.mark.parametrize(("old", "new", "message"), [
     ('schema = "emcas-baseline/1"', 'schema = "emcas-baseline/0"', "schema: is 'emcas-baseline/0'"),
     ('kind = "step"', 'kind = "stop"', "case.only.kind = stop: did you mean step?"),
     ('command = "5 deg"', 'command = "5 V"', "case.only.command = 5 V: the unit V does not measure this"),
@@ -34,35 +34,35 @@ from .conftest import check, edit, emcas, record
     ("[recorded]", '[case."Größe"]\nkind = "step"\n[recorded]', "the name of a case has letters a to z"),
     ("[recorded]", "[remembered]", "unknown key 'remembered'"),
 ])
-def test_a_damaged_file(short: Path, old: str, new: str, said: str) -> None:
+def test_error_names_the_entry_of_a_damaged_baseline(short: Path, old: str, new: str, message: str) -> None:
     edit(short / "baseline/baseline.toml", old, new)
     printed = check(short, code=2)
-    assert said in printed
+    assert message in printed
     assert str(short / "baseline") in printed
 
 
-@pytest.mark.parametrize(("old", "new", "said"), [
+@pytest.mark.parametrize(("old", "new", "message"), [
     ("time [s],fin_angle [deg]", "time [s],fin_angle [rad]", "its columns are"),
     ("\n0.02,", "\n0.03,", "its times must begin at 0 and be 0.01 s apart"),
     ("\n0.02,0\n", "\n0.02,nan\n", "line 4 contains nan"), ("\n0.02,0\n", "\n0.02,zero\n", "line 4: 'zero' is not a"),
     ("\n0.02,", "\n0.02,,", "line 4 has 3 values"),
     ("\n0.02,0\n", "\n", "its times must begin at 0"),
 ])
-def test_a_damaged_trajectory(short: Path, old: str, new: str, said: str) -> None:
+def test_error_names_the_line_of_a_damaged_trajectory(short: Path, old: str, new: str, message: str) -> None:
     edit(short / "baseline/only.csv", old, new)
     printed = check(short, code=2)
-    assert said in printed
+    assert message in printed
     assert "only.csv" in printed
 
 
-def test_an_edited_case_is_to_be_recorded_again(short: Path) -> None:
+def test_edited_case_must_be_recorded_again(short: Path) -> None:
     edit(short / "baseline/baseline.toml", '"0.3 s"', '"0.4 s"')
     assert "was the case edited?" in check(short, code=2)
     record(short)
     check(short)
 
 
-def test_missing_files(short: Path) -> None:
+def test_error_names_missing_files(short: Path) -> None:
     (short / "baseline/only.csv").unlink()
     assert "only.csv: cannot be read: there is no such file" in check(short, code=2)
     printed = emcas("check", short / "actuator.toml", "-b", short / "nowhere", code=2)
@@ -72,23 +72,23 @@ def test_missing_files(short: Path) -> None:
         "check", short / "actuator.toml", "-b", short / "baseline/baseline.toml", code=2)
 
 
-def test_inputs_are_not_written_over(short: Path) -> None:
+def test_input_file_is_not_overwritten(short: Path) -> None:
     file = short / "baseline/baseline.toml"
     file.write_text(file.read_text() + '\n[case.flight]\nkind = "file"\nfile = "flight.csv"\n')
     assert "rename the case" in record(short, code=2)
 
 
-@pytest.mark.parametrize(("model", "options", "said"), [
+@pytest.mark.parametrize(("model", "options", "message"), [
     ("actuator.toml", ("--fin", "2"), "leave --fin out"), ("actuator.csv", (), "neither an FMU nor a parameter file"),
     ("absent.fmu", (), "there is no such file"), ("absent.toml", (), "absent.toml"),
 ])
-def test_a_model_that_is_none(short: Path, model: str, options: tuple[str, ...], said: str) -> None:
-    assert said in check(short, *options, article=model, code=2)
+def test_error_names_an_unusable_article(short: Path, model: str, options: tuple[str, ...], message: str) -> None:
+    assert message in check(short, *options, article=model, code=2)
 
 
 @pytest.mark.fmu
-def test_one_fin_of_several(short: Path) -> None:
-    """Fin 2 has another motor; the others are those of the baseline."""
+def test_baseline_of_one_fin_of_several(short: Path) -> None:
+    """Fin 2 has another motor; fin 1 is that of the baseline."""
     (short / "weaker.toml").write_text('[motor]\ntorque_constant = "0.1 N*m/A"\n')
     fmu = lean(load_parameters(), short / "EMCAS2.fmu", fins=2, files={2: short / "weaker.toml"})
     check(short, article=fmu)
@@ -102,8 +102,8 @@ def test_one_fin_of_several(short: Path) -> None:
 
 
 @pytest.mark.fmu
-def test_a_run_that_ends_early_fails(short: Path, fmu: Path) -> None:
-    """A load beyond all numbers: the FMU goes no further than where it comes on."""
+def test_run_that_ends_early_fails(short: Path, fmu: Path) -> None:
+    """The FMU stops when a load of 1e300 N.m begins."""
     edit(short / "baseline/baseline.toml", 'duration = "0.3 s"', 'duration = "0.3 s"\ntorque = "1e300 N*m"')
     printed = check(short, "--junit", short / "drift.xml", article=fmu, code=1)
     assert "1 of 1 cases did not run to the end" in printed

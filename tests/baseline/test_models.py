@@ -1,4 +1,4 @@
-"""A baseline of any actuator: shipped, with extensions, of a user's file, and an FMU of each."""
+"""Baselines of other actuators: shipped, extended and user's actuators, and their FMUs."""
 
 from __future__ import annotations
 
@@ -31,13 +31,14 @@ def base(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(("model", "electrical", "cases"), [
     ("second-order", False, {"cold", "supply_sag"}),
     *slow((DIRECT_DRIVE, True, {"cold"}), ("elastic+heat+homing+faults", True, set()))])
-def test_recorded_checked_and_left_out(base: Path, model: str, electrical: bool, cases: set[str]) -> None:
-    """What an actuator lacks is left out with the reason; a change of what it has is drift."""
+def test_cases_and_figures_that_an_actuator_lacks_are_left_out(
+        base: Path, model: str, electrical: bool, cases: set[str]) -> None:
+    """The output names the reason, and a changed parameter is drift."""
     printed = record(base, "--model", model)
-    kept = read(base / "baseline", model)
-    assert {"cold", "supply_sag"} - set(kept.case) == cases
+    recorded = read(base / "baseline", model)
+    assert {"cold", "supply_sag"} - set(recorded.case) == cases
     assert all(f"left out: case {name}: this actuator has no " in printed for name in cases)
-    assert ("peak_current" in kept.case["step"].figures) is electrical
+    assert ("peak_current" in recorded.case["step"].figures) is electrical
     assert ("rms_current: this actuator has no motor_current" in printed) is not electrical
     assert f'model = "{get(model).name}"' in (base / "baseline/baseline.toml").read_text()
     assert str(base) not in (base / "baseline/baseline.toml").read_text()
@@ -53,7 +54,7 @@ def test_recorded_checked_and_left_out(base: Path, model: str, electrical: bool,
     assert name in check(base, "--model", model, "-p", base / "changed.toml", code=1)
 
 
-def test_a_sag_is_a_share_of_the_supply(base: Path) -> None:
+def test_sag_is_a_percentage_of_the_supply_voltage(base: Path) -> None:
     case = read_plan(TEMPLATE).case["supply_sag"]
     small = ParameterSubject(load_parameters().with_values({"drive.supply_voltage": 28.0}))
     lower = case.model_copy(update={"start": {"drive.supply_voltage": 19.5}})
@@ -61,7 +62,7 @@ def test_a_sag_is_a_share_of_the_supply(base: Path) -> None:
     assert set(lower.excitation(base, small).columns["supply_voltage"]) == {19.5, 14.0}
 
 
-def test_another_actuator_is_refused(base: Path) -> None:
+def test_baseline_of_another_actuator_is_refused(base: Path) -> None:
     record(base, "--model", "second-order")
     for printed in (check(base, code=2), record(base, code=2)):
         assert "is of the actuator second-order, not of nonlinear; name the actuator of a parameter file" in printed
@@ -69,22 +70,22 @@ def test_another_actuator_is_refused(base: Path) -> None:
     check(base)
 
 
-def test_what_only_another_actuator_has_is_named(base: Path) -> None:
+def test_error_names_an_output_that_the_actuator_lacks(base: Path) -> None:
     record(base, "--model", "second-order")
     edit(base / "baseline/baseline.toml", 'fin_angle = "0.05 deg"', 'motor_current = "1 A"')
-    said = record(base, "--model", "second-order", code=2)
-    assert "limits.trajectories.motor_current = 1 A: there is no such entry" in said
+    printed = record(base, "--model", "second-order", code=2)
+    assert "limits.trajectories.motor_current = 1 A: there is no such entry" in printed
 
 
 @pytest.mark.fmu
 @pytest.mark.parametrize("model", others_slow(MODELS, lambda model: "+" not in model))
-def test_an_fmu_is_checked_by_the_baseline_of_its_parameters(base: Path, model: str) -> None:
+def test_fmu_has_no_drift_from_the_baseline_of_its_parameters(base: Path, model: str) -> None:
     (base / "baseline").mkdir()
     text = SHORT.replace('"0.5 ms"', '"0 ms"').replace('"1 %"', '"0.1 %"').replace('"0.05 deg"', '"0.001 deg"')
     (base / "baseline/baseline.toml").write_text(f'model = "{get(model).name}"\n{text}')
     record(base, "--model", model)
     fmu = lean(load_parameters(base / "actuator.toml", model=model), base / "a.fmu")
-    asked = ("--model", model) if model == DIRECT_DRIVE else ()
-    check(base, *asked, article=fmu)
-    if asked:
+    option = ("--model", model) if model == DIRECT_DRIVE else ()
+    check(base, *option, article=fmu)
+    if option:
         assert "does not contain its model" in check(base, article=fmu, code=2)

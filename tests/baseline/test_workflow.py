@@ -1,4 +1,4 @@
-"""The workflow for users' repositories: its shell lines, run in one, pass and fail as its document says."""
+"""The workflow for users' repositories: its shell lines, run in a repository, pass and fail as documented."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from .conftest import check, record
 
 WORKFLOW = yaml.safe_load((ROOT / "examples/ci/emcas.yml").read_text(encoding="utf-8"))
 JOB: Mapping[str, Any] = WORKFLOW["jobs"]["actuator"]
-TRIGGERS = WORKFLOW[True]  # YAML 1.1 reads the word `on` so
+TRIGGERS = WORKFLOW[True]  # the key `on`, which YAML 1.1 reads as true
 LOCAL = local_platform()
 CALL = {"cases": "step_plus1", "package": "emcas-fmu", "platforms": LOCAL.name if LOCAL else ""}
-QUICK = {**CALL, "package": "pip"}  # there already, and with nothing to resolve
+QUICK = {**CALL, "package": "pip"}  # installed already, without dependencies
 
 needs_bash = pytest.mark.skipif(shutil.which("bash") is None or os.name == "nt", reason="there is no bash")
 
 
 def value(expression: str, inputs: Mapping[str, str]) -> str:
-    """An expression of the form `${{ inputs.name || 'text' }}`, the only one the job's environment has."""
+    """Return the value of an expression `${{ inputs.name || 'text' }}`, the only form in the job's environment."""
     match = re.fullmatch(r"\$\{\{ inputs\.([\w-]+) \|\| '(.*)' \}\}", expression)
     assert match, expression
     assert match[1] in TRIGGERS["workflow_call"]["inputs"]
@@ -39,7 +39,10 @@ def value(expression: str, inputs: Mapping[str, str]) -> str:
 
 
 def run(folder: Path, inputs: Mapping[str, str]) -> dict[str, int]:
-    """Exit code of each step with shell lines; one without a condition is left out after a failure, as there."""
+    """Run the steps with shell lines like GitHub and return their exit codes.
+
+    After a failure only steps with a condition run.
+    """
     state, summary = folder / ".env", folder / "summary.md"
     state.touch()
     environment = {**os.environ, **{name: value(text, inputs) for name, text in JOB["env"].items()},
@@ -54,18 +57,18 @@ def run(folder: Path, inputs: Mapping[str, str]) -> dict[str, int]:
         if any(codes.values()) and not (condition and outcomes.get("model") == "success"):
             continue
         extra = dict(line.split("=", 1) for line in state.read_text().splitlines())
-        # The shell GitHub documents for `run` on Linux where none is named is `bash -e`.
-        done = subprocess.run(["bash", "-e", "-c", step["run"]], cwd=folder, env={**environment, **extra},
-                              capture_output=True, text=True, timeout=120)
-        codes[step["name"]] = done.returncode
-        outcomes[step.get("id", "")] = "failure" if done.returncode else "success"
-        (folder / "log.txt").write_text(done.stdout + done.stderr)
+        # GitHub's default shell for `run` on Linux is `bash -e`.
+        result = subprocess.run(["bash", "-e", "-c", step["run"]], cwd=folder, env={**environment, **extra},
+                                capture_output=True, text=True, timeout=120)
+        codes[step["name"]] = result.returncode
+        outcomes[step.get("id", "")] = "failure" if result.returncode else "success"
+        (folder / "log.txt").write_text(result.stdout + result.stderr)
     return codes
 
 
 @pytest.fixture
 def repository(tmp_path: Path) -> Path:
-    """A user's repository: a parameter file and the approved baseline of it."""
+    """A user's repository with a parameter file and its approved baseline."""
     (tmp_path / "actuator.toml").write_text('[motor]\ntorque_constant = "0.105 N*m/A"\n')
     record(tmp_path)
     return tmp_path
@@ -74,7 +77,7 @@ def repository(tmp_path: Path) -> Path:
 @pytest.mark.slow
 @needs_bash
 @pytest.mark.fmu
-def test_no_change_passes(repository: Path) -> None:
+def test_workflow_passes_without_a_change(repository: Path) -> None:
     codes = run(repository, CALL)
     assert codes == {"Install": 0, "Build the FMU": 0, "Validate": 0, "Compare with the approved baseline": 0}
     reports = repository / "reports"
@@ -87,8 +90,8 @@ def test_no_change_passes(repository: Path) -> None:
 @pytest.mark.slow
 @needs_bash
 @pytest.mark.fmu
-def test_a_drift_fails_with_a_table(repository: Path, native: Path) -> None:
-    """With an FMU of the user's, of other parameters: valid, but not what was approved."""
+def test_workflow_fails_with_a_table_of_the_drift(repository: Path, native: Path) -> None:
+    """The user's FMU has other parameters than the baseline."""
     shutil.copy(native, repository / "mine.fmu")
     (repository / "actuator.toml").unlink()
     codes = run(repository, {**QUICK, "fmu": "mine.fmu"})
@@ -101,14 +104,13 @@ def test_a_drift_fails_with_a_table(repository: Path, native: Path) -> None:
 
 @pytest.mark.slow
 @needs_bash
-def test_a_bad_parameter_file_fails_at_once(repository: Path) -> None:
+def test_workflow_fails_at_once_with_a_bad_parameter_file(repository: Path) -> None:
     (repository / "actuator.toml").write_text('[motor]\nresistence = "1 Ohm"\n')
     assert run(repository, QUICK) == {"Install": 0, "Build the FMU": 2}
     assert "motor.resistence" in (repository / "log.txt").read_text()
 
 
-def test_whole() -> None:
-    """Every input is used, and what GitHub runs by itself is pinned to a version."""
+def test_workflow_uses_every_input_and_pins_its_actions() -> None:
     used = set(re.findall(r"inputs\.([\w-]+)", (ROOT / "examples/ci/emcas.yml").read_text(encoding="utf-8")))
     assert used == set(TRIGGERS["workflow_call"]["inputs"])
     assert {"push", "pull_request", "workflow_dispatch", "workflow_call"} == set(TRIGGERS)
@@ -117,11 +119,11 @@ def test_whole() -> None:
     assert all(re.fullmatch(r"actions/[\w-]+@v\d+", action) for action in actions)
 
 
-def test_parameter_files_over_the_article(short: Path) -> None:
+def test_parameter_file_changes_the_article(short: Path) -> None:
     stiffer = short / "stiffer.toml"
     stiffer.write_text('controller.position.kp = "80 1/s"\n', encoding="utf-8")
-    said = " ".join(check(short, "--parameters", stiffer, code=1).split())
-    assert f"emcas baseline record {short / 'actuator.toml'} --parameters {stiffer} --output" in said
+    printed = " ".join(check(short, "--parameters", stiffer, code=1).split())
+    assert f"emcas baseline record {short / 'actuator.toml'} --parameters {stiffer} --output" in printed
     record(short, "--parameters", stiffer)
     check(short, "--parameters", stiffer)
     check(short, code=1)
