@@ -1,4 +1,4 @@
-"""Code blocks of documents that are said to be tested, those after a line `<!-- run: name -->`; commands in others."""
+"""Tested code blocks of documents, which follow a line `<!-- run: name -->`, and commands in documents."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _BLOCK = re.compile(r"<!-- run: (\w+) -->\n```(\w+)\n(.*?)```", re.DOTALL)
 
 
 def recipes(document: str) -> dict[str, tuple[str, str]]:
-    """Language and text of each marked block of a document in docs/, by name."""
+    """Return language and text of each marked block of a document in docs/, by name."""
     text = (ROOT / "docs" / document).read_text(encoding="utf-8")
     return {name: (language, block) for name, language, block in _BLOCK.findall(text)}
 
@@ -30,19 +30,19 @@ def run_block(document: str, name: str, folder: Path) -> None:
 
 
 def build_site(folder: Path) -> Path:
-    """Build the site into a folder, and return it. Skips the test where there is no MkDocs."""
+    """Build the site into a folder and return the folder; skip the test without MkDocs."""
     if importlib.util.find_spec("mkdocs") is None or importlib.util.find_spec("mkdocstrings") is None:
         missing("there is no mkdocs (pip install -e '.[docs]')")
-    done = subprocess.run([sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", folder],
-                          cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr  # a dead link, a missing heading, a page that is not in the navigation
+    result = subprocess.run([sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", folder],
+                            cwd=ROOT, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr  # dead link, missing heading, page not in the navigation
     return folder
 
 
 def commands(document: str) -> list[list[str]]:
-    """The lines of a document of the repository that call `emcas`, split as a shell does; build_fmu.py is emcas build.
+    """Return the `emcas` commands of a document, split like a shell; build_fmu.py becomes `emcas build`.
 
-    Those in the text count where they have an option or a file.
+    Commands within a sentence are included if they have an option or a file.
     """
     text = (ROOT / document).read_text(encoding="utf-8")
     blocks = "\n".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).replace("\\\n", " ").replace("&&", "\n")

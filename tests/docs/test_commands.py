@@ -1,4 +1,4 @@
-"""Commands in the pages and READMEs are ones the program takes, and their files are there."""
+"""The program accepts the commands in pages and READMEs, and their files exist."""
 
 from __future__ import annotations
 
@@ -24,17 +24,14 @@ DOCUMENTS = [path.relative_to(ROOT).as_posix() for path in sorted((
     ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md"),
     *(ROOT / "examples").rglob("*.md")))]
 WRITTEN = ("output", "plot", "report", "as_json", "junit", "markdown", "journal")
-# Files of the reader's, the one a workflow expects, what emcas explore's page saves, and words that stand for a name.
+# The reader's files, the file of the workflow, the files that the page of emcas explore saves, and placeholders.
 YOURS = re.compile(r"[Mm]y_?\w*(\.\w+)?|actuator\.toml|inputs\.csv|parameters\.toml|FILE\.\w+|[A-Z]+")
-# What the README builds, and the pages begin with.
+# FMUs that the README builds and other pages use.
 BUILT = {Path("EMCAS.fmu"): NONLINEAR, Path("EMCAS3.fmu"): NONLINEAR, Path("EMCAS4.fmu"): NONLINEAR}
 
 
 def parsed(arguments: list[str]) -> tuple[str, dict[str, Any]]:
-    """The command that a line calls, and its options as the program's own parser has them.
-
-    Of an option alone, as in a text that names it, there are none.
-    """
+    """Return the command's name and its options as the program parses them; no options if the line only names one."""
     command: Any = get_command(app)
     while arguments and arguments[0] in getattr(command, "commands", {}):
         command = command.commands[arguments.pop(0)]
@@ -44,7 +41,7 @@ def parsed(arguments: list[str]) -> tuple[str, dict[str, Any]]:
 
 
 def paths(value: Any) -> Iterator[Path]:
-    """Files and folders among the values of an option, those of N=FILE too."""
+    """Yield the files and folders among the values of an option, also those of N=FILE."""
     for each in value if isinstance(value, (list, tuple)) else [value]:
         if isinstance(each, Path):
             yield each
@@ -53,10 +50,10 @@ def paths(value: Any) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
-def test_commands_and_their_files_are_there(document: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_are_accepted_and_their_files_exist(document: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    made: dict[Path, Any] = {} if document == "README.md" else dict(BUILT)  # the FMUs with their actuators
-    # Files whose text the page shows, under their name or as a shell writes them.
+    made: dict[Path, Any] = {} if document == "README.md" else dict(BUILT)  # FMUs and their actuators
+    # Files whose text the page shows below their name or in a here-document.
     shown = {Path(name) for names in re.findall(r"^(?:# (\S+\.toml)$|cat > (\S+) <<)",
                                                 (ROOT / document).read_text("utf-8"), re.MULTILINE) for name in names}
     for line in commands(document):
@@ -68,29 +65,29 @@ def test_commands_and_their_files_are_there(document: str, monkeypatch: pytest.M
         written |= {key: options[key] for key in WRITTEN if options.get(key)}
         for key, value in options.items():
             for path in paths(value) if key not in written else ():
-                # A folder of results there is only once a command has made it, and is not asked for.
+                # The folder of a baseline is made by an earlier command and is not checked.
                 known = (path in made or path in shown or path.exists() or any(map(YOURS.fullmatch, path.parts))
                          or ("*" in path.name and any(path.parent.glob(path.name))))
                 assert known or key == "baseline", f"{document}: {' '.join(line)}: {path}"
                 if path.suffix == ".fmu" and made.get(path) is not None:
                     chosen_model(path.name, model_name(get(made[path]).name), model and get(model).name)
         made |= dict.fromkeys((Path(value) for value in written.values()), model)
-        if name == "init":  # and then the page goes into the folder
+        if name == "init":  # the page then changes to the folder
             made |= dict.fromkeys(map(Path, (starter.PARAMETERS, starter.TUNING, starter.CAMPAIGN,
                                              starter.REQUIREMENTS)))
         if name == "build":
             made |= dict.fromkeys({Path(f"{model_name(get(model).name, options['fins'])}.fmu")}, model)
 
 
-def test_commands_are_seen() -> None:
+def test_commands_are_detected() -> None:
     assert min(len(commands(document)) for document in ("README.md", "docs/tools/ci.md", OWN)) > 5
 
 
 @pytest.mark.parametrize("name", ["parameters", "simulate"])
-def test_those_of_an_own_actuator_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_for_a_users_actuator_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     chosen = [line[1:] for line in commands(OWN) if line[1] == name and "direct-drive" not in line]
     for line in chosen:
-        done = CliRunner().invoke(app, [text.replace("examples/", f"{ROOT}/examples/") for text in line])
-        assert done.exit_code == 0, done.output
+        result = CliRunner().invoke(app, [text.replace("examples/", f"{ROOT}/examples/") for text in line])
+        assert result.exit_code == 0, result.output
     assert chosen

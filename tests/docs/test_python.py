@@ -1,4 +1,4 @@
-"""The blocks of docs/use/python.md run one after the other, as they stand there."""
+"""The code blocks of docs/use/python.md run one after another."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ from .recipes import ROOT, recipes
 BLOCKS = recipes("use/python.md")
 
 
-def test_every_name_is_imported() -> None:
-    """The page uses every function and class of the interface, but those that are results or what a call takes."""
+def test_page_uses_the_whole_interface_except_types_of_arguments_and_results() -> None:
     nodes = [node for language, text in BLOCKS.values() if language == "python" for node in ast.walk(ast.parse(text))]
     used = {alias.name for node in nodes if isinstance(node, ast.ImportFrom) and node.module == "emcas_fmu"
             for alias in node.names}
@@ -31,8 +30,8 @@ def test_every_name_is_imported() -> None:
 
 
 @pytest.mark.fmu
-@pytest.mark.slow  # some 10 s of computing: it builds, validates, analyses and tunes
-def test_blocks(tmp_path: Path) -> None:
+@pytest.mark.slow  # about 10 s: it builds, validates, analyses and tunes
+def test_code_blocks_run(tmp_path: Path) -> None:
     for module in ("pandas", "casadi", "control"):
         if importlib.util.find_spec(module) is None:
             missing(f"there is no {module} (pip install -e '.[test]')")
@@ -42,19 +41,19 @@ def test_blocks(tmp_path: Path) -> None:
     (tmp_path / "requirements.toml").write_text(BLOCKS["requirements"][1], encoding="utf-8")
     program = "".join(f"print('== {name}')\n{text}" for name, (language, text) in BLOCKS.items()
                       if language == "python")
-    done = subprocess.run([sys.executable, "-W", "error", "-c", program], cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    printed = {name: lines for name, *lines in map(str.splitlines, done.stdout.split("== ")[1:])}
+    run = subprocess.run([sys.executable, "-W", "error", "-c", program], cwd=tmp_path, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    printed = {name: lines for name, *lines in map(str.splitlines, run.stdout.split("== ")[1:])}
     assert printed["load"][0].startswith("39.0 ")
     assert printed["change"][0].endswith("is -1 1/s; it must be within 0 .. 100000 1/s")
     end, angle, in_degrees = map(float, printed["response"][0].split())
     assert end == 0.3
     assert abs(in_degrees - 10.0) < 0.2  # Table 2's accuracy
-    assert abs(degrees(angle) - in_degrees) < 1e-12  # the same number, rounded otherwise
+    assert abs(degrees(angle) - in_degrees) < 1e-12  # the same number, rounded differently
     assert all((tmp_path / name).stat().st_size for name in ("response.csv", "response.svg", "EMCAS.fmu"))
     assert printed["build"][1] == "True the one criterion is met []"
-    assert 10.0 < float(printed["analyse"][0].split()[0]) < 40.0  # the example's, 21 Hz about zero
+    assert 10.0 < float(printed["analyse"][0].split()[0]) < 40.0  # Hz, of the example; 21 Hz at zero
     assert printed["tune"][0].startswith("True ")
     time, least, most = map(float, printed["batch"][0].split())
     assert (time, least < most) == (0.2, True)
-    assert 30.0 < float(printed["fins"][0].split()[0]) < 39.0  # below the source's, by the 4.2 V of 210 A
+    assert 30.0 < float(printed["fins"][0].split()[0]) < 39.0  # 210 A lower the source's voltage by 4.2 V

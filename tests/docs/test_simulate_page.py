@@ -1,4 +1,4 @@
-"""docs/use/simulate.md: a jam among four fins, from the command line and in JSBSim, exactly as printed there."""
+"""The commands of docs/use/simulate.md for a jammed fin of four run, also with JSBSim."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ JAM = 0.2  # s
 
 
 def check(time: np.ndarray, jammed: np.ndarray, others: np.ndarray) -> None:
-    """From the jam on, except for the millisecond in which it stops, one fin is at rest and the others move."""
+    """Check that the jammed fin is at rest from 1 ms after the jam, and that another fin moves."""
     after = time > JAM + 1e-3
     assert np.ptp(jammed[after]) == 0.0
     assert np.ptp(others[after]) > 0.1
 
 
-def test_by_command(tmp_path: Path) -> None:
+def test_fin_jams_by_command(tmp_path: Path) -> None:
     run_block(PAGE, "jam", tmp_path)
     table = np.genfromtxt(tmp_path / "jam.csv", delimiter=",", names=True, deletechars="")
     check(table["time"], table["fin[2].fin_angle"], table["fin[1].fin_angle"])
@@ -32,7 +32,7 @@ def test_by_command(tmp_path: Path) -> None:
     assert table["fin[1].fin_angle"].tolist() == table["fin[4].fin_angle"].tolist()
 
 
-def test_in_a_rocket(tmp_path: Path) -> None:
+def test_fin_jams_in_a_rocket(tmp_path: Path) -> None:
     if importlib.util.find_spec("jsbsim") is None:
         missing("there is no jsbsim (pip install jsbsim)")
     from examples.jsbsim.flight import Manoeuvre, Turn

@@ -1,4 +1,4 @@
-"""The site: built without a warning, complete, and with nothing loaded from elsewhere."""
+"""The site is built without a warning, is complete, and loads nothing from other hosts."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def site(once: Callable[..., Path]) -> Path:
 
 @pytest.fixture(scope="module")
 def pages(site: Path) -> dict[str, etree._Element]:
-    """Return the pages by their place, but actuators to move and the thesis's, which are no pages of MkDocs."""
-    places = [path.relative_to(site) for path in site.rglob("*.html") if path.name != "404.html"]
-    return {place.as_posix(): html.fromstring((site / place).read_text(encoding="utf-8"))
-            for place in places if place.parent.name not in ("explore", "thesis")}
+    """Return MkDocs' pages by path: all except those of `emcas explore` and of the thesis."""
+    paths = [path.relative_to(site) for path in site.rglob("*.html") if path.name != "404.html"]
+    return {path.as_posix(): html.fromstring((site / path).read_text(encoding="utf-8"))
+            for path in paths if path.parent.name not in ("explore", "thesis")}
 
 
 def test_every_page_is_in_the_navigation(site: Path, pages: dict[str, etree._Element]) -> None:
@@ -44,15 +44,14 @@ def test_every_page_is_in_the_navigation(site: Path, pages: dict[str, etree._Ele
     assert {path.with_suffix(".html").as_posix() for path in expected} <= set(pages)
 
 
-def test_titles_and_alternative_texts(pages: dict[str, etree._Element]) -> None:
-    titles = [page.findtext(".//title") for page in pages.values()]
-    assert all(titles)
+def test_pages_have_titles_and_pictures_alternative_texts(pages: dict[str, etree._Element]) -> None:
     for name, page in pages.items():
+        assert page.findtext(".//title"), name
         assert len(page.xpath("//article//h1")) == 1, name
         assert not page.xpath("//img[not(@alt) or normalize-space(@alt) = '']"), name
 
 
-def test_nothing_is_loaded_from_elsewhere(site: Path, pages: dict[str, etree._Element]) -> None:
+def test_nothing_is_loaded_from_other_hosts(site: Path, pages: dict[str, etree._Element]) -> None:
     for name, page in pages.items():
         loaded = page.xpath("//script/@src | //link/@href | //*[self::img or self::iframe or self::source]/@src")
         assert [source for source in loaded if re.match(r"(https?:)?//", source)] == [], name
@@ -61,8 +60,8 @@ def test_nothing_is_loaded_from_elsewhere(site: Path, pages: dict[str, etree._El
         assert re.findall(r"(?:url\(|@import )['\"]?(?:https?:)?//[^)]*", text) == [], style
 
 
-def test_no_block_is_broken(pages: dict[str, etree._Element]) -> None:
-    """What the usual hosts take for a list, a table or code, MkDocs does too: no mark is left in the text."""
+def test_no_markdown_mark_is_left_in_the_text(pages: dict[str, etree._Element]) -> None:
+    """MkDocs recognises the same lists, tables and code blocks as GitHub."""
     for name, page in pages.items():
         texts = [" ".join(p.itertext()) for p in page.xpath("//article//p")]
         marks = re.compile(r"(?m)^\s*(?:[-*] |\| |```|:::)|:(?:mod|class|meth):|``")
@@ -87,11 +86,10 @@ def test_every_command_is_documented(pages: dict[str, etree._Element]) -> None:
 
 def test_every_variable_of_the_fmus_is_documented(pages: dict[str, etree._Element]) -> None:
     shown = set(pages["reference/fmu.html"].xpath("//article//td[1]/code/text()"))
-    units = [FmuInterface(1, name) for name in NAMES]
-    assert {variable.name for unit in units for variable in unit.variables} - shown == set()
+    assert {variable.name for name in NAMES for variable in FmuInterface(1, name).variables} - shown == set()
 
 
-def test_every_actuator_can_be_moved(site: Path, pages: dict[str, etree._Element]) -> None:
+def test_every_actuator_has_a_page_of_emcas_explore(site: Path, pages: dict[str, etree._Element]) -> None:
     linked = [href for href in pages["reference/fmu.html"].xpath("//article//a/@href") if "/explore/" in href]
     assert linked == [f"../explore/{name}.html" for name in NAMES]
     for name in NAMES:
@@ -100,7 +98,7 @@ def test_every_actuator_can_be_moved(site: Path, pages: dict[str, etree._Element
         assert len(shown.xpath("//script[@id='actuator']")) == 1
 
 
-def test_the_thesis_is_gone_through(site: Path, pages: dict[str, etree._Element]) -> None:
+def test_page_of_the_thesis_has_every_entry(site: Path, pages: dict[str, etree._Element]) -> None:
     assert "../thesis/thesis.html" in pages["tools/thesis.html"].xpath("//article//a/@href")
     shown = html.fromstring((site / "thesis/thesis.html").read_text(encoding="utf-8"))
     assert set(shown.xpath("//nav[@class='entries']/a/@title")) == {entry.title for entry in ENTRIES}
@@ -108,11 +106,11 @@ def test_the_thesis_is_gone_through(site: Path, pages: dict[str, etree._Element]
     assert [path.name for path in (site / "thesis").iterdir()] == ["thesis.html"]
 
 
-def test_source_files_are_no_links(pages: dict[str, etree._Element]) -> None:
+def test_no_link_targets_a_source_file(pages: dict[str, etree._Element]) -> None:
     for name, page in pages.items():
         links = page.xpath("//article//a/@href")
         assert not [href for href in links if re.search(r"^[^:]*\.(py|c|toml|yml|md|ipynb)$", href)], name
 
 
-def test_the_notebook_shows_its_pictures(pages: dict[str, etree._Element]) -> None:
+def test_notebook_has_its_pictures(pages: dict[str, etree._Element]) -> None:
     assert len(pages["examples/notebook/first_steps.html"].xpath("//article//img")) >= 3

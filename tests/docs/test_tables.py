@@ -1,4 +1,4 @@
-"""Tables of the documents are those their script makes."""
+"""Tables of the documents equal those that their scripts make."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from .recipes import ROOT
 
 
 def script(name: str) -> ModuleType:
-    """A script of docs/figures as a module."""
+    """Return a script of docs/figures as a module."""
     if name in sys.modules:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "figures" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # where its data class looks for its own names, and other scripts for it
+    sys.modules[spec.name] = module  # data classes and other scripts look it up there
     spec.loader.exec_module(module)
     return module
 
@@ -42,17 +42,17 @@ def tables() -> ModuleType:
     pytest.param("make_sensors", "model/sensors.md", marks=pytest.mark.slow),
     pytest.param("make_campaigns", "tools/campaigns.md", marks=pytest.mark.slow),
 ])
-def test_not_stale(tables: ModuleType, maker: str, document: str) -> None:
+def test_table_is_up_to_date(tables: ModuleType, maker: str, document: str) -> None:
     text = (ROOT / "docs" / document).read_text(encoding="utf-8")
     assert tables.renewed(text, script(maker).TABLES[document]) == text, f"run python docs/figures/{maker}.py"
 
 
-def test_the_picture_of_the_package_is_not_stale() -> None:
+def test_picture_of_the_package_is_up_to_date() -> None:
     maker = script("make_architecture")
     assert (ROOT / "docs/figures/architecture.svg").read_text(encoding="utf-8") == maker.picture()
 
 
-def test_staleness_is_seen(tables: ModuleType) -> None:
+def test_stale_table_is_detected(tables: ModuleType) -> None:
     old = "<!-- single -->\n| `fin_command` | in | deg |\n<!-- /single -->"
     new = tables.renewed(old, {"single": tables.single})
     assert all(f"| `{v.name}` | " in new for v in (*INPUTS, *OUTPUTS))
