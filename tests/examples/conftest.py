@@ -1,4 +1,4 @@
-"""JSBSim and MuJoCo have to be there, or tests say that they are not; a unit of four fins, single ones in an SSP."""
+"""Skip tests without JSBSim or MuJoCo; FMUs of four fins and of one, and an SSP."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ def four(shipped_unit: Callable[..., Path]) -> Path:
 
 @pytest.fixture(scope="session")
 def hydraulic(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A single electrohydraulic actuator as the example builds it."""
+    """The FMU of one electrohydraulic actuator, built by the example."""
     return build_unit(tmp_path_factory.mktemp("hydraulic"), 1, "electrohydraulic")
 
 
 @pytest.fixture(scope="session")
 def ssp(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """EMCAS.ssp as the example makes it."""
+    """EMCAS.ssp, written by the example."""
     return write_archive(tmp_path_factory.mktemp("rocket") / "EMCAS.ssp", native)
 
 
 @pytest.fixture
 def doctored(tmp_path: Path) -> Doctor:
-    """A copy of an FMU or archive with other words in a file of it: doctored(path, file, old, new, old, new ...)."""
+    """Function that copies an FMU or archive with changed texts: doctored(path, file, old, new, old, new ...)."""
     def change(path: Path, file: str, *words: str) -> Path:
         copy = tmp_path / f"doctored{path.suffix}"
         with zipfile.ZipFile(path) as source, zipfile.ZipFile(copy, "w") as target:

@@ -1,6 +1,6 @@
-"""What the flight tests share: `python flying.py SSP MASTER` prints a short flight in a master as CSV.
+"""Short flights for tests. `python flying.py SSP MASTER` prints a flight in a master as CSV.
 
-Exit code 77: the master is not installed.
+The exit code is 77 if the master is not installed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SHORT = Manoeuvre("short", "Steps in three axes and a gust", 0.6, (Turn(0.02, (2
 
 
 def flown(actuators: Actuators, manoeuvre: Manoeuvre = SHORT, step: float = 1e-3) -> Mapping[str, Array]:
-    """A flight with a communication step [s]; frees the actuators."""
+    """Return a flight with a communication step [s], and close the actuators."""
     try:
         return fly(actuators, manoeuvre, step)
     finally:
@@ -34,12 +34,12 @@ def flown(actuators: Actuators, manoeuvre: Manoeuvre = SHORT, step: float = 1e-3
 
 
 def apart(first: Mapping[str, Array], second: Mapping[str, Array]) -> float:
-    """Largest difference of the fin angles of two flights [rad]."""
+    """Return the largest difference [rad] between the fin angles of two flights."""
     return float(np.abs(fins(first, "fin{}_rad") - fins(second, "fin{}_rad")).max())
 
 
 def main(ssp: str, master: str) -> None:
-    """Print the flight."""
+    """Print the flight as CSV."""
     try:
         __import__(MASTERS[master])
     except (ImportError, OSError) as error:

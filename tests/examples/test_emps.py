@@ -1,6 +1,6 @@
-"""The example of the EMPS drive: against an integration of its equations, on synthetic records, and on those published.
+"""The example of the EMPS drive agrees with an independent integration, and with synthetic and published records.
 
-The published records are in the folder that EMCAS_RECORDS names; tests that need them are skipped without it.
+Tests with the published records, in the folder that EMCAS_RECORDS names, are skipped without it.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ APP.command()(compare)
 COUNT = 2300  # samples
 
 
-def called(*arguments: Any, **environment: str) -> Result:
-    """Call the program, with no folder of records but those of the arguments or the environment."""
+def run_program(*arguments: Any, **environment: str) -> Result:
+    """Run the program without the caller's folder of records."""
     return CliRunner().invoke(APP, [*map(str, arguments)], env={VARIABLE: None, "COLUMNS": "200", **environment})
 
 
@@ -53,7 +53,7 @@ def integrated(p: Mapping[str, float], command: Array, added: Array) -> tuple[Ar
     def acceleration(x: float, v: float, f: float, way: float) -> float:
         return (f - p["axis.offset"] - way * friction(x, v, f)) / p["inertia.fin"]
 
-    def settled(f: float, u: float, h: float) -> float:
+    def lagged(f: float, u: float, h: float) -> float:
         return 35.15065188 * u + (f - 35.15065188 * u) * exp(-h / p["drive.lag"])
 
     for k in range(len(command)):
@@ -67,19 +67,19 @@ def integrated(p: Mapping[str, float], command: Array, added: Array) -> tuple[Ar
             way = np.sign(v) if v else np.sign(driving) * (abs(driving) > friction(x, 0.0, f))
             if way:
                 a = acceleration(x, v, f, way)
-                a = 0.5 * (a + acceleration(x + h * v, v + h * a, settled(f, u, h), way))
-                if v and v * (v + h * a) < 0.0:  # to where it stops, where friction changes its sign
+                a = 0.5 * (a + acceleration(x + h * v, v + h * a, lagged(f, u, h), way))
+                if v and v * (v + h * a) < 0.0:  # until it stops, where friction changes its sign
                     h = -v / a
                     x, v = x + 0.5 * h * v, 0.0
                 else:
                     x, v = x + h * (v + 0.5 * h * a), v + h * a
-            f, left = settled(f, u, h), left - h
+            f, left = lagged(f, u, h), left - h
     return positions, voltages
 
 
 @pytest.fixture(scope="module")
 def synthetic() -> Record:
-    """A record that moves forwards and back, with a pulse of 2 V; the noise of a measurement is left out."""
+    """A record of a motion forwards and back with a pulse of 2 V, without noise."""
     time = np.arange(COUNT) * 1e-3
     command = 0.03 * (1.0 - np.cos(2.0 * np.pi * time / 1.1))
     added = np.where((time > 0.3) & (time < 0.5), 2.0, 0.0)
@@ -87,54 +87,54 @@ def synthetic() -> Record:
     return Record("synthetic", command, position, voltage, added, "")
 
 
-def saved(folder: Path, record: Record, **changes: Any) -> Path:
-    """Write both files of a folder of records."""
+def save(folder: Path, record: Record, **changes: Any) -> Path:
+    """Write both files of records to the folder and return it."""
     content = {"t": np.arange(len(record)) * 1e-3, "qg": record.command, "qm": record.position, "vir": record.voltage}
     io.savemat(folder / FITTED, {k: v for k, v in (content | changes).items() if v is not None})
     io.savemat(folder / UNSEEN, {**content, "pulses_N": record.added})
     return folder
 
 
-def test_equations_and_loops_are_those_of_an_independent_integration(synthetic: Record) -> None:
-    # In V. Of the start, at a speed that a filter has changed, 50 samples are left out as in the errors. Measured, at
-    # reversals: 3.5e-4 with the ticks of the example, second order in these, and 5e-5, which is the integration's.
+def test_equations_and_loops_agree_with_an_independent_integration(synthetic: Record) -> None:
+    # In V, without the first 50 samples, whose start speed comes from a filter. Measured at reversals: 3.5e-4 with the
+    # example's ticks (the error is of second order in them), and 5e-5, which is the error of the integration.
     for tick, most in ((2.5e-4, 7e-4), (2.5e-5, 1e-4)):
         _, voltage = under_loops(synthetic, [{**parameters(), "solver.max_tick": tick}])
         assert np.abs(voltage[0] - synthetic.voltage)[50:].max() < most
     assert np.abs(synthetic.voltage).max() > 1.0
 
 
-def test_a_window_begins_in_the_state_of_the_record(synthetic: Record) -> None:
+def test_windows_begin_in_the_state_of_the_record(synthetic: Record) -> None:
     errors = in_windows(synthetic, [parameters()])[0]
-    # 1.5 um measured, of the speed at the start, which comes from a filter of the position.
+    # Measured 1.5 um, because the start speed comes from a filter of the position.
     assert np.abs(errors).max() < 3e-6
-    assert (np.abs(in_windows(synthetic, [parameters()], 1.0)[0]).max(axis=1) > 1e-3).all()  # 1 N is seen
+    assert (np.abs(in_windows(synthetic, [parameters()], 1.0)[0]).max(axis=1) > 1e-3).all()  # 1 N is detected
 
 
-def test_the_level_of_friction_comes_from_the_windows_before(synthetic: Record) -> None:
+def test_level_of_friction_is_estimated_from_the_previous_windows(synthetic: Record) -> None:
     level = friction_levels(synthetic, {**parameters(), "friction.dry": parameters()["friction.dry"] - 0.5})
-    # 0.5 N less than in the record; the errors are linear in it within 0.5 %.
+    # The parameters have 0.5 N less than the record; the errors are linear within 0.5 %.
     assert level == pytest.approx([0.0, 0.5], rel=0.01)
 
 
-def test_a_calibration_finds_the_parameters_again(synthetic: Record) -> None:
+def test_calibration_recovers_the_parameters(synthetic: Record) -> None:
     true = parameters()
     free = {name: FREE[name] for name in ("inertia.fin", "friction.dry", "friction.viscous_negative", "drive.lag")}
     again = calibrated(synthetic, {**true, **{name: 1.2 * true[name] for name in free}}, free)
-    # 2e-5 measured, of the two integrations' difference and of the windows' starts; it began 20 % off.
+    # Measured 2e-5: difference of the two integrations, and the windows' start speeds. The search begins 20 % off.
     assert {name: again[name] for name in free} == pytest.approx({name: true[name] for name in free}, rel=1e-4)
 
 
-def test_figures_of_a_folder(synthetic: Record, tmp_path: Path) -> None:
-    done = called("--records", saved(tmp_path, synthetic), "--json", tmp_path / "new.json", "--plot",
-                  tmp_path / "new.svg")
-    assert done.exit_code == 2, "its own folder is no place for its results"
-    done = called("--records", tmp_path, "--plot", tmp_path.parent / "new.html")
-    assert (done.exit_code, done.stderr.count("\n")) == (2, 1), done.output
+def test_program_writes_figures_and_plot(synthetic: Record, tmp_path: Path) -> None:
+    result = run_program("--records", save(tmp_path, synthetic), "--json", tmp_path / "new.json", "--plot",
+                         tmp_path / "new.svg")
+    assert result.exit_code == 2, "results must not be written to the folder of records"
+    result = run_program("--records", tmp_path, "--plot", tmp_path.parent / "new.html")
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1), result.output
     (tmp_path / "emps").mkdir()
-    saved(tmp_path / "emps", synthetic)
-    done = called("--json", tmp_path / "new.json", "--plot", tmp_path / "new.svg", **{VARIABLE: str(tmp_path)})
-    assert done.exit_code == 0, done.output
+    save(tmp_path / "emps", synthetic)
+    result = run_program("--json", tmp_path / "new.json", "--plot", tmp_path / "new.svg", **{VARIABLE: str(tmp_path)})
+    assert result.exit_code == 0, result.output
     figures = json.loads((tmp_path / "new.json").read_text("utf-8"))
     assert figures["unseen"]["force_percent"] < 0.01 < 1.0 < figures["authors"]["symmetrical"]["unseen"][
         "force_percent"]
@@ -145,28 +145,28 @@ def test_figures_of_a_folder(synthetic: Record, tmp_path: Path) -> None:
 @pytest.mark.parametrize(("change", "words"), [
     ({"vir": None}, "there is no vir"), ({"qm": np.zeros(5)}, "position 5"), ({"t": np.arange(COUNT) * 2e-3}, "1 ms"),
     ({"qg": np.full(COUNT, np.nan)}, "not finite")])
-def test_bad_records(synthetic: Record, tmp_path: Path, change: Mapping[str, Any], words: str) -> None:
-    done = called("--records", saved(tmp_path, synthetic, **change))
-    assert (done.exit_code, done.stdout, done.stderr.count("\n")) == (2, "", 1)
-    assert FITTED in done.stderr
-    assert words in done.stderr
+def test_error_names_a_bad_record(synthetic: Record, tmp_path: Path, change: Mapping[str, Any], words: str) -> None:
+    result = run_program("--records", save(tmp_path, synthetic, **change))
+    assert (result.exit_code, result.stdout, result.stderr.count("\n")) == (2, "", 1)
+    assert FITTED in result.stderr
+    assert words in result.stderr
 
 
-def test_no_records(tmp_path: Path) -> None:
-    for done in called(), called("--records", tmp_path):
-        assert (done.exit_code, done.stdout, done.stderr.count("\n")) == (3, "", 1)
-        assert "nonlinearbenchmark" in done.stderr
+def test_error_without_records(tmp_path: Path) -> None:
+    for result in run_program(), run_program("--records", tmp_path):
+        assert (result.exit_code, result.stdout, result.stderr.count("\n")) == (3, "", 1)
+        assert "nonlinearbenchmark" in result.stderr
     for name in (FITTED, UNSEEN):
         (tmp_path / name).write_text("no numbers", encoding="utf-8")
-    done = called("--records", tmp_path)
-    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    result = run_program("--records", tmp_path)
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
 
 
-def test_its_trial_warns_of_nothing(caplog: pytest.LogCaptureFixture) -> None:
+def test_simulation_gives_no_warning(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.WARNING)
     response = simulate(parameters(), 2.0, model=MODEL, fin_command=0.1)
     assert caplog.messages == []
-    # It sticks where the force for the error is below the dry friction: 6.8 um of it, with k_p and k_v.
+    # The axis sticks where the controllers' force is below the dry friction: 6.8 um, with k_p and k_v.
     assert response["fin_angle"][-1] == pytest.approx(0.1, abs=8e-6)
 
 
@@ -175,23 +175,23 @@ def test_its_trial_warns_of_nothing(caplog: pytest.LogCaptureFixture) -> None:
 
 @pytest.fixture(scope="module")
 def published() -> Callable[[str], Record]:
-    """Load a record by its name."""
+    """Function that loads a record by its name."""
     folder = os.environ.get(VARIABLE)
     if not folder:
         pytest.skip(f"no records of the EMPS drive: {VARIABLE} names no folder")
     return lambda name: load(folder_of(Path(folder)) / name)
 
 
-def test_the_loops_are_those_of_the_rig(published: Callable[[str], Record]) -> None:
+def test_controllers_agree_with_those_of_the_rig(published: Callable[[str], Record]) -> None:
     record, p = published(FITTED), parameters()
     rate = (record.position[2:] - record.position[:-2]) / 2e-3
     law = p["controller.kv"] * (p["controller.kp"] * (record.command - record.position)[2:] - rate)
     assert np.std(law - record.voltage[2:]) < 4e-3  # 3.7 mV; an encoder's count in the speed is 6 mV
 
 
-def test_errors_are_those_of_the_readme(published: Callable[[str], Record], tmp_path: Path) -> None:
-    done = called("--json", tmp_path / "new.json", **{VARIABLE: os.environ[VARIABLE]})
-    assert done.exit_code == 0, done.output
+def test_readme_has_the_errors_of_the_records(published: Callable[[str], Record], tmp_path: Path) -> None:
+    result = run_program("--json", tmp_path / "new.json", **{VARIABLE: os.environ[VARIABLE]})
+    assert result.exit_code == 0, result.output
     figures = json.loads((tmp_path / "new.json").read_text("utf-8"))
     assert figures["unseen"]["force_percent"] <= 4.0
     assert figures["unseen"]["window_rms_mm"] <= 1.4
@@ -206,7 +206,7 @@ def test_errors_are_those_of_the_readme(published: Callable[[str], Record], tmp_
 
 
 @pytest.mark.slow
-def test_its_calibration_gives_its_parameters(published: Callable[[str], Record]) -> None:
+def test_calibration_gives_the_shipped_parameters(published: Callable[[str], Record]) -> None:
     shipped = parameters()
     again = calibrated(published(FITTED), {**shipped, **BEGIN})
     # Stored with five digits; the search ends within 1e-5 of the scales.

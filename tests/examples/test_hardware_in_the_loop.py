@@ -1,4 +1,4 @@
-"""The program that couples two halves prints how far they are from the whole."""
+"""The program that couples controllers and plant prints the largest difference from the whole actuator."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ PROGRAM = typer.Typer()
 PROGRAM.command()(run)
 
 
-def printed(*options: str) -> float:
-    """Return the largest difference [deg] that it prints."""
-    done = CliRunner().invoke(PROGRAM, ["--stop", "0.1", *options])
-    assert done.exit_code == 0, done.output
-    found = re.search(r"largest difference (\S+) deg", done.output)
+def largest_difference(*options: str) -> float:
+    """Run the program and return the largest difference [deg] that it prints."""
+    result = CliRunner().invoke(PROGRAM, ["--stop", "0.1", *options])
+    assert result.exit_code == 0, result.output
+    found = re.search(r"largest difference (\S+) deg", result.output)
     assert found is not None
     return float(found[1])
 
 
 @pytest.mark.fmu
-def test_program() -> None:
-    assert printed() == 0.0
-    assert 0.1 < printed("--at-once") < 1.0
-    assert 0.05 < printed("--own-controller") < 3.0
+def test_difference_of_the_coupled_halves() -> None:
+    assert largest_difference() == 0.0
+    assert 0.1 < largest_difference("--at-once") < 1.0
+    assert 0.05 < largest_difference("--own-controller") < 3.0
 
 
-def test_refusal() -> None:
-    done = CliRunner().invoke(PROGRAM, ["--model", "second-order"])
-    assert done.exit_code == 2
-    assert "second-order has none" in " ".join(done.output.split())
+def test_actuator_without_position_loop_is_refused() -> None:
+    result = CliRunner().invoke(PROGRAM, ["--model", "second-order"])
+    assert result.exit_code == 2
+    assert "second-order has none" in " ".join(result.output.split())

@@ -1,6 +1,6 @@
-"""Damping, axial force, masses and areas of the rocket, by hand from the sizes its documentation states.
+"""Damping, axial force, masses and areas of the rocket agree with hand calculation from the documented sizes.
 
-The numbers here are written anew in SI, so that a slip of unit or sign in the aircraft file is seen.
+The sizes are repeated here in SI: a wrong unit or sign in the aircraft file is detected.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import pytest
 
 from examples.jsbsim.vehicle import FINS, FOOT, POUND_FORCE, Array, Launch, Rocket
 
-STEP = 1e-5  # s: so short that what was set still holds at its end
+STEP = 1e-5  # s, so short that the flight condition does not change
 STILL = np.zeros(3)
 NORTH = Launch(attitude=(0.0, 0.0, 0.0))
 MASS, INERTIA = 300.0, (5.0, 400.0, 400.0)  # kg, kg.m2
@@ -24,25 +24,25 @@ SLUG = POUND_FORCE / FOOT  # kg
 
 
 def launched(rates: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Rocket:
-    """One step after launch with body rates [rad/s], fins at 0."""
+    """Return the rocket one step after its launch with body rates [rad/s] and fins at 0."""
     rocket = Rocket(STEP, replace(NORTH, body_rates=rates))
     rocket.advance(np.zeros(4), STILL)
     return rocket
 
 
 def moments(rocket: Rocket) -> Array:
-    """About the centre of gravity [N.m], shape (3,)."""
+    """Return the body moments [N.m] about the centre of gravity, shape (3,)."""
     return np.array([rocket[f"moments/{n}-total-lbsft"] for n in "lmn"]) * POUND_FORCE * FOOT
 
 
 @pytest.mark.parametrize("axis", [1, 2])
 @pytest.mark.parametrize("rate", [0.1, -0.1])
-def test_pitching_and_yawing_are_damped(axis: int, rate: float) -> None:
-    """Moment over rate: of four fins whose flow the turn inclines by upwash times rate times arm over speed.
+def test_damping_of_pitch_and_yaw(axis: int, rate: float) -> None:
+    """The rate inclines the flow at the fins by upwash times rate times arm over speed.
 
-    Two pairs of fins at 45 deg have in each plane the force of two fins; theirs is normal to the flow's component.
-    The nose's slender-body force is taken at the centre of gravity's flow: what remains is the fins'. 1 %: the nose
-    turns by 0.4 % of the flow at the fins in the step, and cross-flow lift adds at 0.02 deg of incidence.
+    Four fins at 45 deg have in each plane the force of two fins. The nose's force depends on the flow at the centre of
+    gravity and cancels in the difference. 1 %: within the step the nose turns by 0.4 % of the flow at the fins, and
+    there is cross-flow lift at 0.02 deg of incidence.
     """
     rates = [0.0, 0.0, 0.0]
     rates[axis] = rate
@@ -56,8 +56,8 @@ def test_pitching_and_yawing_are_damped(axis: int, rate: float) -> None:
 
 
 @pytest.mark.parametrize("angle", [10.0, -10.0])
-def test_deflected_fins_pull_aft(angle: float) -> None:
-    """At any angle, by hand: the normal force is normal to the chord. 0.1 %: the file's square feet."""
+def test_axial_force_of_deflected_fins(angle: float) -> None:
+    """The force is normal to the chord. 0.1 %: the file's rounded square feet."""
     rocket = Rocket(STEP, NORTH)
     rocket.advance(np.zeros(4), STILL)
     before = rocket["forces/fbx-aero-lbs"]
@@ -66,21 +66,21 @@ def test_deflected_fins_pull_aft(angle: float) -> None:
     rocket.advance(np.full(4, delta), STILL)
     pressure, slope = rocket.state().dynamic_pressure, rocket["aero/fin/slope"]
     normal = pressure * FIN_AREA * sin(abs(delta)) * (slope * np.cos(delta) + 1.2 * sin(abs(delta)))
-    pulled = (rocket["forces/fbx-aero-lbs"] - before) * POUND_FORCE
+    axial = (rocket["forces/fbx-aero-lbs"] - before) * POUND_FORCE
     assert before < 0.0
-    assert pulled == pytest.approx(-len(FINS) * normal * sin(abs(delta)), rel=1e-3)
+    assert axial == pytest.approx(-len(FINS) * normal * sin(abs(delta)), rel=1e-3)
 
 
 def test_axial_force_of_the_body() -> None:
-    """Coefficient 0.45 at Mach 2, on the body's cross-section; 2 %: the flight begins at Mach 1.98, table rounded."""
+    """The coefficient is 0.45 at Mach 2 for the body's cross-section. 2 %: Mach 1.98 at launch, and a rounded table."""
     rocket = launched()
     area = pi * DIAMETER**2 / 4.0
     force = rocket["forces/fbx-aero-lbs"] * POUND_FORCE
     assert force == pytest.approx(-rocket.state().dynamic_pressure * area * 0.45, rel=0.02)
 
 
-def test_masses_and_sizes_are_those_documented() -> None:
-    """What JSBSim has read, to its rounding of units: 1e-4."""
+def test_jsbsim_has_the_documented_masses_and_sizes() -> None:
+    """1e-4 is JSBSim's rounding of units."""
     rocket = launched()
     for name, inertia in zip(("ixx", "iyy", "izz"), INERTIA, strict=True):
         assert rocket[f"inertia/{name}-slugs_ft2"] * SLUG * FOOT**2 == pytest.approx(inertia, rel=1e-4)
@@ -90,11 +90,8 @@ def test_masses_and_sizes_are_those_documented() -> None:
     assert rocket["metrics/bw-ft"] * FOOT == rocket["metrics/cbarw-ft"] * FOOT == pytest.approx(DIAMETER, rel=1e-4)
 
 
-def test_turning_follows_from_moment_and_inertia() -> None:
-    """Angular acceleration in a cross wind is the moment over the documented inertia, 1 %: a few steps' change.
-
-    JSBSim's integrator of second order needs one step to start.
-    """
+def test_angular_acceleration_is_moment_over_inertia() -> None:
+    """1 % is the change within a few steps; JSBSim's second-order integrator needs one step to start."""
     wind = np.array([0.0, -20.0, -20.0])
     rocket = Rocket(STEP, NORTH)
     for _ in range(3):
@@ -104,8 +101,8 @@ def test_turning_follows_from_moment_and_inertia() -> None:
     np.testing.assert_allclose((after.body_rates - before.body_rates) / STEP, acting / INERTIA, rtol=0.01)
 
 
-def test_static_moment_of_a_cross_wind() -> None:
-    """Nose, cross-flow and fins, by hand, about the centre of gravity; 2 %: rounded feet, and the lift's curvature."""
+def test_moment_of_a_cross_wind_agrees_with_hand_calculation() -> None:
+    """Nose, cross-flow and fins about the centre of gravity. 2 %: rounded feet, and curvature of the lift."""
     rocket = Rocket(STEP, NORTH)
     state = rocket.advance(np.zeros(4), np.array([0.0, 0.0, -10.0]))
     up, area, pressure = 10.0 / state.speed, pi * DIAMETER**2 / 4.0, state.dynamic_pressure

@@ -1,4 +1,4 @@
-"""The rocket on other kinds of actuators: what feeds them is looked up, and what they draw is compared."""
+"""The rocket with other kinds of actuators: their supplies, and the comparison of their flights."""
 
 from __future__ import annotations
 
@@ -48,29 +48,29 @@ HYDRAULIC = "electrohydraulic"
 
 
 def refused(options: Options, folder: Path, message: str) -> None:
-    """A run ends with the message before anything is flown."""
+    """Check that a run is refused with the message before any flight."""
     with pytest.raises(EmcasError, match=message):
         run(options, folder, lambda what, share: None)
 
 
 @pytest.fixture(scope="module")
 def flight(hydraulic: Path) -> Mapping[str, Array]:
-    """A short one on four electrohydraulic actuators."""
+    """A short flight with four electrohydraulic actuators."""
     return flown(Fmu(hydraulic))
 
 
 @pytest.mark.slow
-def test_hydraulic_fins_fly_on_a_line_of_pressure(hydraulic: Path, flight: Mapping[str, Array]) -> None:
-    """Fed by the pressure of the parameter set, which every row has; the flow from it is power over pressure.
+def test_flight_with_hydraulic_actuators_on_a_pressure_line(hydraulic: Path, flight: Mapping[str, Array]) -> None:
+    """The pressure is that of the parameter set; the flow is power over pressure.
 
-    Fins come as near to the ideal ones' attitude as a delay of some 10 ms lets them: to half of the 8 deg of the step.
+    Because of a delay of about 10 ms the attitude differs from that with ideal fins by up to half the step of 8 deg.
     """
     pressure = load_parameters(model=HYDRAULIC).values["hydraulic_supply.pressure"]
     assert Fmu(hydraulic).model == HYDRAULIC
     assert np.all(flight["line_pressure_pa"] == pressure)
     np.testing.assert_allclose(flight["line_flow_m3_s"] * pressure, flight["power_w"], rtol=1e-12)  # rounding
     assert "bus_voltage_v" not in flight
-    # A valve takes oil from the line and gives none back.
+    # A valve returns no oil to the pressure line.
     assert flight["power_w"].min() >= 0.0
     assert flight["power_w"].max() > 100.0
     found = figures(flight, 1e-3, {IDEAL: flown(Ideal())})
@@ -78,19 +78,18 @@ def test_hydraulic_fins_fly_on_a_line_of_pressure(hydraulic: Path, flight: Mappi
     assert np.ptp(fins(flight, "fin{}_rad")) > 0.2
 
 
-def test_fins_without_supply_know_mechanical_work(tmp_path: Path) -> None:
-    """A unit of four second-order actuators: what they do against the hinge moments that acted in the step."""
+def test_power_of_actuators_without_supply_is_the_work_against_hinge_moments(tmp_path: Path) -> None:
     path = build(load_parameters(model="second-order"), tmp_path / "other.fmu", fins=4).path
     found = flown(Fmu(path), replace(SHORT, duration=0.2))
-    moments = np.column_stack([np.full(4, np.nan), fins(found, "hinge{}_n_m")[:, :-1]])  # of a step's beginning
+    moments = np.column_stack([np.full(4, np.nan), fins(found, "hinge{}_n_m")[:, :-1]])  # at the beginning of each step
     work = -np.sum(fins(found, "fin_rate{}_rad_s") * moments, axis=0)[1:]
     np.testing.assert_allclose(found["power_w"][1:], work, rtol=0, atol=1e-9)  # rounding of 1 kW
     assert np.abs(work).max() > 10.0
     assert not {"bus_voltage_v", "line_pressure_pa"} & found.keys()
 
 
-def test_a_unit_of_four_has_its_lines_outputs(four: Path, doctored: Doctor) -> None:
-    """By the supply's name: of a unit whose bus is called a line of pressure they are the line's, with its figures."""
+def test_fmu_of_four_fins_with_a_pressure_line_has_the_lines_outputs(four: Path, doctored: Doctor) -> None:
+    """The FMU's bus is renamed to a pressure line."""
     other = doctored(four, DESCRIPTION, 'name="supply_voltage"', 'name="supply_pressure"', 'name="bus_voltage"',
                      'name="line_pressure"', 'name="bus_current"', 'name="line_flow"', 'unit="V"', 'unit="Pa"',
                      'unit="A"', 'unit="m3/s"', 'name="V"', 'name="Pa"', 'name="A"', 'name="m3/s"')
@@ -107,21 +106,21 @@ def test_a_unit_of_four_has_its_lines_outputs(four: Path, doctored: Doctor) -> N
      "source -> supply_pressure: supply_pressure is Real in V, not Real in Pa"),
     (('name="supply_pressure"', 'name="pressure"'), "has supply_power and no supply_voltage or supply_pressure"),
 ])
-def test_wiring_of_the_supply_is_checked(words: tuple[str, ...], message: str, hydraulic: Path,
-                                         doctored: Doctor) -> None:
+def test_error_names_the_wrong_connection_of_the_supply(
+        words: tuple[str, ...], message: str, hydraulic: Path, doctored: Doctor) -> None:
     with pytest.raises(EmcasError, match=re.escape(message)):
         Fmu(doctored(hydraulic, DESCRIPTION, *words))
 
 
-def test_a_bus_is_for_those_on_one(hydraulic: Path, tmp_path: Path) -> None:
+def test_bus_voltage_of_an_actuator_without_a_bus_is_refused(hydraulic: Path, tmp_path: Path) -> None:
     archive = write_archive(tmp_path / "EMCAS.ssp", hydraulic)
     for make in (lambda: Fmu(hydraulic, bus_voltage=30.0), lambda: InMaster(archive, "fmpy", 1e-3, bus_voltage=30.0)):
         with pytest.raises(EmcasError, match="its supply is supply_pressure, not a bus: leave --bus-voltage out"):
             make()
 
 
-def test_archive_flies_as_its_four(hydraulic: Path, tmp_path: Path, flight: Mapping[str, Array]) -> None:
-    """To the bit under the same master, but for a sum in another order."""
+def test_archive_flies_like_its_four_fmus(hydraulic: Path, tmp_path: Path, flight: Mapping[str, Array]) -> None:
+    """The flow is a sum in another order."""
     archive = write_archive(tmp_path / "EMCAS.ssp", hydraulic)
     manoeuvre = replace(SHORT, duration=0.1)
     found = flown(InMaster(archive, "fmpy", 1e-3, "rocket"), manoeuvre)
@@ -129,8 +128,7 @@ def test_archive_flies_as_its_four(hydraulic: Path, tmp_path: Path, flight: Mapp
     np.testing.assert_allclose(found["line_flow_m3_s"], flight["line_flow_m3_s"][:100], rtol=1e-9)
 
 
-def test_what_cannot_be_flown_together(hydraulic: Path, tmp_path: Path) -> None:
-    """Said before anything is built."""
+def test_contradictory_options_are_refused_before_anything_is_built(hydraulic: Path, tmp_path: Path) -> None:
     fly = Options(("gentle",), (IDEAL, "fmu"))
     refused(replace(fly, models=("electrohydralic",)), tmp_path, "there is no actuator 'electrohydralic'.*did you mean")
     refused(replace(fly, models=(HYDRAULIC, "elastic"), masters=("fmpy",)), tmp_path, "--host: flies one actuator")
@@ -141,26 +139,25 @@ def test_what_cannot_be_flown_together(hydraulic: Path, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == []
 
 
-def test_every_kind_that_is_fed_is_flown() -> None:
+def test_every_kind_with_a_supply_is_flown() -> None:
     models = every_model()
     assert {"nonlinear", HYDRAULIC} <= set(models)
-    assert "second-order" not in models  # it is fed by nothing
+    assert "second-order" not in models  # has no supply
 
 
-def test_energy_in_the_picture_is_that_of_the_table(flight: Mapping[str, Array]) -> None:
-    """The line ends at drawn less returned energy, and the bars show both, for a power that changes its sign; in kJ,
-    since numbers of J touch each other below the bars."""
-    swinging = {**flight, "power_w": flight["power_w"] - flight["power_w"].mean() / 2.0}
+def test_energies_in_the_plots_are_those_of_the_table(flight: Mapping[str, Array]) -> None:
+    """The line ends at supplied less returned energy, and the bars show both, in kJ, for a power of both signs."""
+    two_signs = {**flight, "power_w": flight["power_w"] - flight["power_w"].mean() / 2.0}
     unit = Unit("EMCAS.fmu", "", "supply_pressure", 21e6, 0.0)
-    results = Results(1e-3, {"gentle": {IDEAL: flown(Ideal()), HYDRAULIC: swinging}}, MANOEUVRES,
+    results = Results(1e-3, {"gentle": {IDEAL: flown(Ideal()), HYDRAULIC: two_signs}}, MANOEUVRES,
                       units={HYDRAULIC: unit})
-    found = figures(swinging, 1e-3, {})
+    found = figures(two_signs, 1e-3, {})
     assert found["energy_returned_j"] > 1.0
     with style():
-        drawn = kinds(results, "gentle").figure
-    _, energy, _, share = drawn.axes
-    ended: Any = energy.lines[0].get_ydata()
-    assert 1e3 * ended[-1] == pytest.approx(found["energy_drawn_j"] - found["energy_returned_j"])
+        figure = kinds(results, "gentle").figure
+    _, energy, _, share = figure.axes
+    line: Any = energy.lines[0].get_ydata()
+    assert 1e3 * line[-1] == pytest.approx(found["energy_drawn_j"] - found["energy_returned_j"])
     widths = sorted(1e3 * bar.get_width() for bar in share.patches)  # type: ignore[attr-defined]
     assert widths == pytest.approx([-found["energy_returned_j"], found["energy_drawn_j"]])
     assert ["kJ" in words for words in (energy.get_ylabel(), share.get_xlabel())] == [True, True]
@@ -168,7 +165,7 @@ def test_energy_in_the_picture_is_that_of_the_table(flight: Mapping[str, Array])
 
 
 def test_table_has_every_kind() -> None:
-    """Figures are those of flights of minutes, which no test repeats; that a kind is missing is seen."""
+    """Its figures take minutes of flights and are not tested."""
     script("make_tables")
     maker = script("make_jsbsim")
     text = (ROOT / "examples/jsbsim/README.md").read_text(encoding="utf-8")
@@ -178,8 +175,8 @@ def test_table_has_every_kind() -> None:
 
 
 @pytest.mark.slow
-def test_run_of_two_kinds_names_both(hydraulic: Path, tmp_path: Path) -> None:
-    """An existing FMU beside a model that is built, in page, figures and trajectories; none loses a gentle flight."""
+def test_outputs_of_a_run_with_two_kinds_name_both(hydraulic: Path, tmp_path: Path) -> None:
+    """One kind is an existing FMU, the other is built. Both keep the attitude in a gentle flight."""
     options = Options(("gentle",), (IDEAL, "second-order", "fmu", "stiff"), 4e-3, fmu=hydraulic, models=("nonlinear",),
                       bus_voltage=36.0, convergence=False)
     results = run(options, tmp_path, lambda what, share: None)
@@ -187,7 +184,7 @@ def test_run_of_two_kinds_names_both(hydraulic: Path, tmp_path: Path) -> None:
     write_json(results, tmp_path / "figures.json", "test")
     figures = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
     assert all(kept(each) for each in figures["flights"]["gentle"].values())
-    # The voltage is for the one on a bus.
+    # The bus voltage is only for the actuator on a bus.
     assert figures["fmus"]["nonlinear"]["supply_start"] == 36.0
     assert figures["fmus"][HYDRAULIC]["supply"] == "supply_pressure"
     assert figures["flights"]["gentle"][HYDRAULIC]["line_flow_largest_l_min"] > 0.0
@@ -201,8 +198,8 @@ def test_run_of_two_kinds_names_both(hydraulic: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_page_has_the_figures_of_the_shipped_set(tmp_path: Path) -> None:
-    """To the digits printed; the encoder's counts make 0.02 deg of the attitude a matter of chance."""
+def test_readme_has_the_figures_of_the_shipped_set(tmp_path: Path) -> None:
+    """Within the printed digits, and 0.02 deg of attitude, which depends on single encoder counts."""
     results = run(Options(("aggressive",), (IDEAL, SECOND_ORDER, FMU), convergence=False), tmp_path, lambda *_: None)
     found = all_figures(results)["aggressive"]["nonlinear"]
     page = (ROOT / "examples/jsbsim/README.md").read_text(encoding="utf-8")
@@ -219,10 +216,10 @@ def test_the_page_has_the_figures_of_the_shipped_set(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_a_servo_flies_is_that_of_the_page(tmp_path: Path) -> None:
-    """By the page's digits; where the gear sticks and what the backlash lets is a matter of chance, of a tenth at most.
+def test_readme_has_the_figures_of_the_servo(tmp_path: Path) -> None:
+    """Within the printed digits and a tenth, since the angle at which the gear sticks depends on rounding.
 
-    The gentle manoeuvre with the hinges of the others, the aggressive one with hinges near the centre of pressure.
+    In the aggressive manoeuvre the hinges are nearer to the centre of pressure.
     """
     page = (ROOT / "examples/jsbsim/README.md").read_text(encoding="utf-8")
     for manoeuvre, hinge in (("gentle", 0.41), ("aggressive", 0.46)):
@@ -242,13 +239,13 @@ def test_what_a_servo_flies_is_that_of_the_page(tmp_path: Path) -> None:
         assert servo["attitude_error_last_half_second_deg"] == pytest.approx(end, abs=0.05 + 0.1 * end)
 
 
-def test_hinge_moments_are_in_proportion_to_the_distance_to_the_centre_of_pressure() -> None:
-    """By the aircraft's table; the flight of ideal fins is the same, since they do not feel it."""
+def test_hinge_moment_is_proportional_to_the_distance_from_the_centre_of_pressure() -> None:
+    """The flight with ideal fins is the same, since hinge moments do not affect them."""
     first, second = (flown(Ideal(), SHORT.hinged(hinge)) for hinge in (0.41, 0.46))
     assert apart(first, second) == 0.0
     assert 1.75 < first["mach"].min() < first["mach"].max() < 2.0
     centre = 0.472 + (first["mach"] - 1.75) / 0.25 * 0.005
     expected = fins(first, "hinge{}_n_m") * (centre - 0.46) / (centre - 0.41)
-    # Rounding, a hundredfold by the difference.
+    # The difference amplifies rounding a hundredfold.
     np.testing.assert_allclose(fins(second, "hinge{}_n_m"), expected, rtol=1e-9)
     assert SHORT.hinged(SHORT.launch.hinge) is SHORT

@@ -1,4 +1,4 @@
-"""The flight with the four EMCAS.fmu of an SSP, in fmpy, libcosim and Ecos."""
+"""The flight with four EMCAS.fmu in an SSP, in fmpy, libcosim and Ecos."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .conftest import Doctor
 from .flying import ABSENT, SHORT, apart, flown
 
 STRUCTURE = f"{VARIANT}.ssd"
-# Masters count time their own way, to 1e-15 s of each other, and no output changes faster than by 1e6 a second.
+# Times of the masters differ by 1e-15 s, and no output changes faster than 1e6 per second.
 SAME = 1e-9
 
 
@@ -36,13 +36,13 @@ def expected(ssp: Path) -> Mapping[str, Array]:
 @pytest.mark.fmu
 @pytest.mark.parametrize("master", ["libcosim", "ecos"])
 def test_same_flight_as_in_fmpy(master: str, ssp: Path, expected: Mapping[str, Array]) -> None:
-    """In a separate process. A master that is one step late would be off by what a fin moves in it."""
+    """The master runs in a separate process. A delay of one step would be 1e-3 rad or more."""
     script = Path(__file__).with_name("flying.py")
-    done = subprocess.run([sys.executable, script, ssp, master], capture_output=True, text=True, timeout=60)
-    if done.returncode == ABSENT:
-        missing(f"{master} cannot be loaded: {done.stderr.strip()}")
-    assert done.returncode == 0, done.stderr[-4000:]
-    flight = {name: np.array(values) for name, values in trajectory(done.stdout).items()}
+    process = subprocess.run([sys.executable, script, ssp, master], capture_output=True, text=True, timeout=60)
+    if process.returncode == ABSENT:
+        missing(f"{master} cannot be loaded: {process.stderr.strip()}")
+    assert process.returncode == 0, process.stderr[-4000:]
+    flight = {name: np.array(values) for name, values in trajectory(process.stdout).items()}
     assert flight.keys() == expected.keys()
     found = agreement(flight, expected)
     assert found.fins < SAME
@@ -50,13 +50,13 @@ def test_same_flight_as_in_fmpy(master: str, ssp: Path, expected: Mapping[str, A
     assert np.abs(np.diff(expected["fin1_rad"])).max() > 1e-3
 
 
-def test_archive_flies_as_the_unit(ssp: Path, four: Path, expected: Mapping[str, Array]) -> None:
-    """EMCAS4.fmu on a stiff bus is the four of the archive to 1e-12 rad; without its variant, gravity is missed."""
+def test_archive_flies_like_the_fmu_of_four_fins(ssp: Path, four: Path, expected: Mapping[str, Array]) -> None:
+    """EMCAS4.fmu has a stiff bus. The archive without its variant lacks gravity."""
     assert apart(expected, flown(Fmu(four))) < 1e-12
     assert apart(expected, flown(InMaster(ssp, "fmpy", 1e-3))) > 1e-9
 
 
-def test_agreement() -> None:
+def test_agreement_of_flights() -> None:
     flight = {f"{n}_rad": np.zeros(3) for n in ("fin1", "fin2", "fin3", "fin4", "roll", "pitch", "yaw")}
     other = {**flight, "fin4_rad": np.array([0.0, -0.2, 0.1]), "yaw_rad": np.array([0.0, 0.0, 0.3])}
     same, differs = agreement(flight, flight), agreement(other, flight)
@@ -74,7 +74,7 @@ def test_wiring_errors_name_the_connection(old: str, new: str, message: str, ssp
         InMaster(doctored(ssp, STRUCTURE, old, new), "fmpy", 1e-3, VARIANT)
 
 
-def test_master_and_variant_have_to_be_known(ssp: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unknown_master_or_variant_is_refused(ssp: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(EmcasError, match="there is no master 'libcosimpy'; there is fmpy, libcosim, ecos"):
         InMaster(ssp, "libcosimpy", 1e-3)
     with pytest.raises(EmcasError, match="has no variant 'cold'; it has nominal, rocket"):
@@ -84,13 +84,12 @@ def test_master_and_variant_have_to_be_known(ssp: Path, monkeypatch: pytest.Monk
         InMaster(ssp, "libcosim", 1e-3)
 
 
-def test_step_is_the_one_opened_with(ssp: Path) -> None:
+def test_another_step_than_that_of_the_master_is_refused(ssp: Path) -> None:
     with pytest.raises(EmcasError, match=r"was opened with steps of 0\.002 s, not 0\.001 s"):
         flown(InMaster(ssp, "fmpy", 2e-3, VARIANT), SHORT, 1e-3)
 
 
-def test_options_that_do_not_go_together(ssp: Path, four: Path, tmp_path: Path) -> None:
-    """Said before anything is flown."""
+def test_contradictory_options_are_refused(ssp: Path, four: Path, tmp_path: Path) -> None:
     def refused(options: Options, message: str) -> None:
         with pytest.raises(EmcasError, match=message):
             run(options, tmp_path, lambda what, share: None)

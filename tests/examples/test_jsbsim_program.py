@@ -1,4 +1,4 @@
-"""What is refused, and the program as its users call it."""
+"""Errors of FMUs and steps in the flight, and the program fly.py."""
 
 from __future__ import annotations
 
@@ -39,23 +39,23 @@ def test_unknown_parameter_is_refused(native: Path) -> None:
 
 
 @pytest.mark.parametrize("step", [3e-3, 5e-3, 0.0, -1e-3])
-def test_step_that_does_not_divide_the_autopilots_is_refused(step: float) -> None:
+def test_step_must_divide_the_autopilots_sample_time(step: float) -> None:
     with pytest.raises(EmcasError, match="does not divide the autopilot's 4 ms"):
         fly(Ideal(), GENTLE, step)
 
 
 def program(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """fly.py in a separate process."""
+    """Run fly.py in a separate process."""
     return subprocess.run([sys.executable, ROOT / "examples/jsbsim/fly.py", *arguments], capture_output=True, text=True,
                           timeout=120, env={**os.environ, "TERMINAL_WIDTH": "200"})
 
 
 @pytest.mark.slow
 def test_program_needs_no_fmu(tmp_path: Path) -> None:
-    """It builds the unit, and an archive for another master; writes page, figures and trajectories."""
+    """It builds the FMU, and an SSP for another master, and writes page, figures and trajectories."""
     folder = tmp_path / "new" / "out"
-    done = program("--manoeuvre", "gentle", "--no-convergence", "--step", "4", "--host", "fmpy", "-o", folder)
-    assert done.returncode == 0, done.stderr
+    result = program("--manoeuvre", "gentle", "--no-convergence", "--step", "4", "--host", "fmpy", "-o", folder)
+    assert result.returncode == 0, result.stderr
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 4
     assert "http" not in page.replace("http://www.w3.org", "")
@@ -63,23 +63,23 @@ def test_program_needs_no_fmu(tmp_path: Path) -> None:
     assert set(figures["flights"]["gentle"]) == {"ideal", "second-order-undelayed", "second-order",
                                                  "nonlinear", "stiff"}
     assert figures["fmus"]["nonlinear"]["bus_resistance_ohm"] == 0.02
-    assert figures["masters"]["gentle"]["without SSP"]["fin_difference_rad"] < 1e-12  # as the unit promises
+    assert figures["masters"]["gentle"]["without SSP"]["fin_difference_rad"] < 1e-12  # the documented accuracy
     table = np.genfromtxt(folder / "gentle_nonlinear.csv", delimiter=",", names=True)
     assert len(table) == 1500
     largest = np.degrees(max(np.abs(table[f"fin{k}_rad"]).max() for k in range(1, 5)))
     assert largest == pytest.approx(figures["flights"]["gentle"]["nonlinear"]["fin_angle_largest_deg"], rel=1e-6)
     assert table["bus_voltage_v"].min() < 39.0
-    # Actuators without a bus have no columns of one.
+    # Without a bus there is no column of it.
     assert "bus" not in (folder / "gentle_ideal.csv").read_text(encoding="utf-8").splitlines()[0]
     assert (folder / "gentle_ssp-fmpy.csv").is_file()
 
 
 @pytest.mark.slow
-def test_program_takes_single_units(native: Path, tmp_path: Path) -> None:
-    done = program("--fmu", native, "--manoeuvre", "gentle", "--no-convergence", "--step", "4", "-o", tmp_path,
-                   "--format", "npz", "--bus-voltage", "36")
-    assert done.returncode == 0, done.stderr
-    # On a stiff bus as they are, so that there is no second flight with one.
+def test_program_flies_an_fmu_of_one_fin(native: Path, tmp_path: Path) -> None:
+    result = program("--fmu", native, "--manoeuvre", "gentle", "--no-convergence", "--step", "4", "-o", tmp_path,
+                     "--format", "npz", "--bus-voltage", "36")
+    assert result.returncode == 0, result.stderr
+    # Single actuators are on a stiff bus: there is no second flight for it.
     assert sorted(p.name for p in tmp_path.glob("*.npz")) == [
         "gentle_ideal.npz", "gentle_nonlinear.npz", "gentle_second-order-undelayed.npz", "gentle_second-order.npz"]
     assert np.all(np.load(tmp_path / "gentle_nonlinear.npz")["bus_voltage_v"] == 36.0)
@@ -97,8 +97,8 @@ def test_program_takes_single_units(native: Path, tmp_path: Path) -> None:
     (["--actuator", "ideal", "--step", "3", "--no-convergence"], "does not divide"),
     (["--actuator", "ideal", "-o", str(Path(__file__))], "is a file; --output names a folder"),
 ])
-def test_program_says_what_is_wrong(arguments: list[str], message: str, tmp_path: Path) -> None:
-    done = program("-o", tmp_path / "out", *arguments)
-    assert done.returncode == 2
-    assert message in done.stderr
-    assert "Traceback" not in done.stderr
+def test_error_names_the_option_and_the_remedy(arguments: list[str], message: str, tmp_path: Path) -> None:
+    result = program("-o", tmp_path / "out", *arguments)
+    assert result.returncode == 2
+    assert message in result.stderr
+    assert "Traceback" not in result.stderr

@@ -1,4 +1,4 @@
-"""The rocket's signs, sizes and balances, against its own geometry in SI."""
+"""Signs, sizes and balances of the rocket agree with its geometry in SI."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from examples.jsbsim import vehicle
 from examples.jsbsim.autopilot import MIXER, Autopilot, Gains, attitude_error
 from examples.jsbsim.vehicle import AZIMUTHS, FINS, FOOT, POUND_FORCE, STATION, Array, Launch, Rocket, State
 
-STEP = 1e-4  # s: so short that the launch condition still holds at its end
+STEP = 1e-4  # s, so short that the launch condition does not change
 MOMENTS = ("moments/l-total-lbsft", "moments/m-total-lbsft", "moments/n-total-lbsft")
 STILL = np.zeros(3)
 NORTH = Launch(attitude=(0.0, 0.0, 0.0))
@@ -23,7 +23,7 @@ AREA, ARM, LEVER, CHORD, HINGE = 0.0644, 1.72, 0.275, 0.237, 0.41  # m2, m, m, m
 
 
 def moments(fins: Array, wind: Array = STILL) -> tuple[Array, Rocket]:
-    """Body moments [N.m] about the centre of gravity, flying level and north, and the rocket."""
+    """Return the body moments [N.m] about the centre of gravity in level flight to the north, and the rocket."""
     rocket = Rocket(STEP, NORTH)
     rocket.advance(fins, wind)
     return np.array([rocket[name] for name in MOMENTS]) * POUND_FORCE * FOOT, rocket
@@ -31,8 +31,8 @@ def moments(fins: Array, wind: Array = STILL) -> tuple[Array, Rocket]:
 
 @pytest.mark.parametrize("k", range(4))
 @pytest.mark.parametrize("angle", [5.0, -12.0])
-def test_each_fin(k: int, angle: float) -> None:
-    """Moments and hinge moment of one fin, by hand: 0.1 % for the file's rounded feet and square feet."""
+def test_moments_of_one_fin_agree_with_hand_calculation(k: int, angle: float) -> None:
+    """0.1 % is for the file's rounded feet and square feet."""
     fins = np.zeros(4)
     fins[k] = delta = radians(angle)
     found, rocket = moments(fins)
@@ -42,13 +42,13 @@ def test_each_fin(k: int, angle: float) -> None:
     side = normal * cos(delta)
     expected = np.array([-LEVER * side, -ARM * cos(AZIMUTHS[k]) * side, -ARM * sin(AZIMUTHS[k]) * side])
     np.testing.assert_allclose(found, expected, atol=1e-3 * ARM * abs(side))
-    behind = (0.477 - HINGE) * CHORD  # centre of pressure at Mach 2, where the flight begins: 0.5 % of Mach away
+    behind = (0.477 - HINGE) * CHORD  # centre of pressure at Mach 2; the flight begins within 0.5 % of it
     assert state.hinge_moments[k] == pytest.approx(-normal * behind, rel=0.01)
     assert np.all(np.abs(np.delete(state.hinge_moments, k)) < 1e-3 * abs(state.hinge_moments[k]))
 
 
-def test_mixer() -> None:
-    """A demand about an axis gives a positive moment about it and, up to the file's rounding, none about others."""
+def test_mixer_gives_a_positive_moment_about_the_demanded_axis_only() -> None:
+    """1e-3 is for the file's rounding."""
     for axis in range(3):
         demand = np.zeros(3)
         demand[axis] = radians(3.0)
@@ -57,8 +57,8 @@ def test_mixer() -> None:
         assert np.all(np.abs(np.delete(found, axis)) < 1e-3 * found[axis])
 
 
-def test_autopilot_answers_against_the_error() -> None:
-    """Below the wanted attitude in every axis, all three moments are positive; turning that way, they fall."""
+def test_autopilot_reduces_the_error_and_damps() -> None:
+    """If the attitude is below the commanded one, the moment is positive; a positive rate reduces it."""
     rocket = Rocket(STEP, NORTH)
     state = rocket.advance(np.zeros(4), STILL)
     for axis in range(3):
@@ -68,13 +68,12 @@ def test_autopilot_answers_against_the_error() -> None:
         assert found[axis] > 0.0
         rates = np.zeros(3)
         rates[axis] = 0.1
-        turning = replace(state, body_rates=rates)
-        slower, _ = moments(Autopilot(Gains()).update(turning, wanted).fins)
-        assert slower[axis] < found[axis]
+        damped, _ = moments(Autopilot(Gains()).update(replace(state, body_rates=rates), wanted).fins)
+        assert damped[axis] < found[axis]
 
 
 def test_attitude_error_is_the_turn_about_body_axes() -> None:
-    """By 90 deg of roll, body y points down: a higher wanted pitch is a turn about -z, one to the right about +y."""
+    """At 90 deg of roll body y points down: a pitch error is a turn about -z, a heading error a turn about +y."""
     actual = np.array([pi / 2, 0.2, 0.7])
     error = attitude_error(actual, np.array([pi / 2, 0.201, 0.7]))
     np.testing.assert_allclose(error, [0.0, 0.0, -1e-3], atol=1e-6)
@@ -83,7 +82,7 @@ def test_attitude_error_is_the_turn_about_body_axes() -> None:
 
 
 def test_static_stability_and_hinge_moment_in_a_cross_wind() -> None:
-    """From below and from the right the nose turns into the wind; a fin that the flow lifts has a restoring moment."""
+    """The nose turns into a wind from below and from the right; the hinge moment of a lifted fin is restoring."""
     updraft, rocket = moments(np.zeros(4), np.array([0.0, 0.0, -20.0]))
     assert rocket["velocities/w-aero-fps"] > 0.0
     assert updraft[1] < 0.0
@@ -92,14 +91,14 @@ def test_static_stability_and_hinge_moment_in_a_cross_wind() -> None:
     right, rocket = moments(np.zeros(4), np.array([0.0, -20.0, 0.0]))  # blowing west, flying north
     assert rocket["velocities/v-aero-fps"] > 0.0
     assert right[2] > 0.0
-    assert right[2] == pytest.approx(-updraft[1], rel=1e-3)  # the cross is the same in both planes
-    # Static margin, 2 to 4 calibres for a rocket like this: moment over normal force of the same wind.
+    assert right[2] == pytest.approx(-updraft[1], rel=1e-3)  # the fins are symmetric in both planes
+    # The static margin, moment over normal force, is 2 to 4 calibres for such a rocket.
     normal = abs(rocket["forces/fby-total-lbs"]) * POUND_FORCE
     assert 2.0 < right[2] / normal / 0.3 < 4.0
 
 
-def test_turning_is_damped() -> None:
-    """A rolling rocket with its fins at rest stops rolling, as fast as four fins at 0.275 m do: L_p of strip theory."""
+def test_roll_damping_agrees_with_strip_theory() -> None:
+    """L_p of four fins at 0.275 m."""
     rocket = Rocket(1e-3, NORTH)
     for _ in range(200):
         rocket.advance(np.full(4, radians(-1.0)), STILL)
@@ -108,20 +107,20 @@ def test_turning_is_damped() -> None:
         after = rocket.advance(np.zeros(4), STILL)
     rate = 4.0 * before.dynamic_pressure * AREA * rocket["aero/fin/slope"] * LEVER**2 / before.speed / 5.0
     assert before.body_rates[0] > 1.0
-    # 3 %: speed and pressure fall by 1 % in the 0.1 s, and cross-flow lift adds at incidences of a degree.
+    # 3 %: speed and pressure fall by 1 % in 0.1 s, and there is cross-flow lift at incidences of a degree.
     assert np.log(before.body_rates[0] / after.body_rates[0]) == pytest.approx(0.1 * rate, rel=0.03)
 
 
-def test_trim_and_energy() -> None:
-    """Straight flight with fins at zero: speed follows the accelerations, energy falls by drag, hardly a turn.
+def test_energy_balance_of_straight_flight() -> None:
+    """Speed is the integral of the acceleration, and drag reduces the energy.
 
-    0.2 %: the earth turns, and gravity is taken at one height.
+    0.2 % and 0.3 % are for the earth's rotation, and for gravity at one altitude.
     """
     rocket = Rocket(1e-3)
     first = state = rocket.state()
     work = drag = 0.0
     for _ in range(1000):
-        # Along the path, which is the axis at these incidences.
+        # The path is the body's axis at these incidences.
         before, state = state, rocket.advance(np.zeros(4), STILL)
         work += 0.5 * (before.acceleration[0] + state.acceleration[0]) * 0.5 * (before.speed + state.speed) * 1e-3
         drag += rocket["accelerations/a-pilot-x-ft_sec2"] * FOOT * state.speed * 1e-3
@@ -133,10 +132,10 @@ def test_trim_and_energy() -> None:
     assert kinetic + 9.80 * (state.altitude - first.altitude) == pytest.approx(drag, rel=3e-3)
 
 
-def test_station_and_derivatives_are_jsbsim_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What acceleration of the centre of gravity, rates and derivatives make at the hinges is what JSBSim has there.
+def test_acceleration_at_the_hinges_agrees_with_jsbsim(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is computed from the acceleration of the centre of gravity, the rates and their derivatives.
 
-    JSBSim takes accelerations of the step before. 1e-4 m/s2: it adds the earth's turn to the rates.
+    JSBSim uses the accelerations of the previous step. 1e-4 m/s2: it adds the earth's rotation to the rates.
     """
     def flight() -> list[State]:
         rocket = Rocket(1e-3)
@@ -149,21 +148,20 @@ def test_station_and_derivatives_are_jsbsim_s(tmp_path: Path, monkeypatch: pytes
     assert '"EYEPOINT" unit="M"> <x> 2.05' in text
     path.write_text(text.replace('"EYEPOINT" unit="M"> <x> 2.05', '"EYEPOINT" unit="M"> <x> 3.77'), encoding="utf-8")
     monkeypatch.setattr(vehicle, "__file__", str(tmp_path / "vehicle.py"))
-    at_hinges, place = flight(), np.array([STATION, 0.0, 0.0])
+    at_hinges, station = flight(), np.array([STATION, 0.0, 0.0])
     largest = 0.0
     for before, now, there in zip(of_centre, of_centre[1:], at_hinges[1:]):
-        turned = (np.cross(before.angular_acceleration, place)
-                  + np.cross(now.body_rates, np.cross(now.body_rates, place)))
-        np.testing.assert_allclose(now.acceleration + turned, there.acceleration, atol=1e-4)
-        # The rates' mean slope over a step, to what the slope itself changes in it.
+        rotation = (np.cross(before.angular_acceleration, station)
+                    + np.cross(now.body_rates, np.cross(now.body_rates, station)))
+        np.testing.assert_allclose(now.acceleration + rotation, there.acceleration, atol=1e-4)
+        # The mean derivative over a step differs by the derivative's change.
         slope = (now.body_rates - before.body_rates) / 1e-3
         assert np.abs(slope - now.angular_acceleration).max() < 15.0
         largest = max(largest, float(np.abs(now.angular_acceleration).max()))
     assert largest > 100.0
 
 
-def test_tables_follow_from_the_geometry() -> None:
-    """Slopes and centres of pressure written into the file are those of the formulas it names, to their digits."""
+def test_tables_of_lift_slope_and_centre_of_pressure_agree_with_their_formulas() -> None:
     path = Path(vehicle.__file__).parent / "aircraft/finned_rocket/finned_rocket.xml"
     functions = {f.get("name"): f for f in ElementTree.parse(path).getroot().iter("function")}
     ratio = (2 * 0.28) ** 2 / (2 * AREA)
@@ -188,8 +186,8 @@ def test_tables_follow_from_the_geometry() -> None:
     assert compared == 14
 
 
-def test_azimuths_are_those_of_the_file() -> None:
-    """Fin k's hinge axis points outboard in the file where the FMU's azimuth says: structural z is up."""
+def test_azimuths_of_the_fmu_are_those_of_the_file() -> None:
+    """In the file structural z points up."""
     path = Path(vehicle.__file__).parent / "aircraft/finned_rocket/finned_rocket.xml"
     for k, azimuth in zip(FINS, AZIMUTHS, strict=True):
         force = next(f for f in ElementTree.parse(path).getroot().iter("force") if f.get("name") == f"fin{k}")

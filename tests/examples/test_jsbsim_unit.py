@@ -1,4 +1,4 @@
-"""EMCAS4.fmu in flight: as four single units, its bus, its mixing, and what is refused."""
+"""EMCAS4.fmu in flight: agreement with four single FMUs, bus, mixing, and errors."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ SUPPLY_VOLTAGE = load_parameters().values["drive.supply_voltage"]
 DESCRIPTION = "modelDescription.xml"
 
 
-def test_four_in_one_are_four_single_ones(native: Path, four: Path) -> None:
-    """On a stiff bus, to the 1e-12 rad that the unit promises, in the closed loop."""
+def test_fmu_of_four_fins_flies_like_four_fmus(native: Path, four: Path) -> None:
+    """1e-12 rad is the documented accuracy on a stiff bus."""
     together, single = flown(Fmu(four)), flown(Fmu(native))
     assert apart(together, single) < 1e-12
     assert np.ptp(fins(together, "fin{}_rad")) > 0.2
     assert np.all(together["bus_voltage_v"] == SUPPLY_VOLTAGE)
-    # Each sums or divides in its own order: rounding of up to 8 kW.
+    # Sums and divisions have another order: rounding of up to 8 kW.
     np.testing.assert_allclose(together["power_w"], single["power_w"], rtol=0, atol=1e-9)
     np.testing.assert_allclose(together["bus_current_a"], single["bus_current_a"], rtol=0, atol=1e-9)
 
 
 @pytest.mark.slow
-def test_the_supply_is_the_units(tmp_path: Path) -> None:
-    """A unit of 28 V flies on 28 V, one of four fins, four of one or in an archive, unless another voltage is given."""
+def test_supply_voltage_is_that_of_the_fmu_or_the_option(tmp_path: Path) -> None:
+    """For an FMU of four fins, four FMUs of one fin, and an SSP."""
     local = local_platform()
     assert local is not None
     parameters = load_parameters().with_values({"drive.supply_voltage": 28.0})
@@ -51,14 +51,14 @@ def test_the_supply_is_the_units(tmp_path: Path) -> None:
     archive = write_archive(tmp_path / "EMCAS.ssp", single)
     manoeuvre = replace(SHORT, duration=0.2)
     flights = {}
-    for given, expected in ((None, 28.0), (24.0, 24.0)):
-        actuators = (Fmu(whole, bus_voltage=given), Fmu(single, bus_voltage=given),
-                     InMaster(archive, "fmpy", 1e-3, VARIANT, given))
+    for option, expected in ((None, 28.0), (24.0, 24.0)):
+        actuators = (Fmu(whole, bus_voltage=option), Fmu(single, bus_voltage=option),
+                     InMaster(archive, "fmpy", 1e-3, VARIANT, option))
         flights[expected] = [flown(each, manoeuvre) for each in actuators]
         for flight in flights[expected]:
             assert np.all(flight["bus_voltage_v"] == expected)
             assert apart(flight, flights[expected][0]) < 1e-12
-    assert apart(flights[28.0][0], flights[24.0][0]) > 1e-3  # what 4 V are worth while fins move
+    assert apart(flights[28.0][0], flights[24.0][0]) > 1e-3  # the effect of 4 V
 
 
 @pytest.mark.parametrize("voltage", [0.0, -1.0, float("nan")])
@@ -68,43 +68,41 @@ def test_impossible_supply_is_refused(voltage: float, four: Path, ssp: Path) -> 
             make()
 
 
-def test_bus_sags_by_its_current(four: Path) -> None:
-    """V = V_s - R I in every row, with the communication step as fine as the bus's own of 0.1 ms.
+def test_bus_voltage_sags_by_source_resistance_times_current(four: Path) -> None:
+    """V = V_s - R I in every row; the communication step is that of the bus, 0.1 ms.
 
-    The sag is of the current an instant before, so that R I differs by no more than its change in a step; 15 % of the
-    step before's is what one step of Newton's method (1.3 %) and I = P / V (12 % at 200 A of 35 V) may leave.
+    The sag is computed from the previous current and differs from R I by at most the change in a step, plus 15 % of the
+    previous change: one step of Newton's method leaves 1.3 %, and I = P / V 12 % at 200 A and 35 V.
     """
     flight = flown(Fmu(four, bus_resistance=RESISTANCE), replace(SHORT, duration=0.3), 1e-4)
     voltage, current = flight["bus_voltage_v"], flight["bus_current_a"]
     changed = np.abs(np.diff(current, prepend=0.0))
     allowed = RESISTANCE * (changed + 0.15 * np.concatenate([[0.0], changed[:-1]])) + 1e-9
     assert np.all(np.abs(voltage - (SUPPLY_VOLTAGE - RESISTANCE * current)) <= allowed)
-    # The bound is narrow: no sag, or one half as large again, is outside it nearly everywhere.
+    # The bound is narrow: no sag, or 1.5 times the sag, is outside it in most rows.
     assert np.mean(np.abs(voltage - SUPPLY_VOLTAGE) > allowed) > 0.5
     assert np.mean(np.abs(voltage - (SUPPLY_VOLTAGE - 1.5 * RESISTANCE * current)) > allowed) > 0.5
     np.testing.assert_allclose(flight["power_w"], voltage * current, rtol=0, atol=1e-9)  # rounding of 8 kW
 
 
-def test_sag_is_felt(four: Path) -> None:
-    """A source of 0.1 Ohm takes a quarter of the voltage, and the fins feel it, by 0.06 deg at least."""
+def test_sag_changes_the_fin_angles(four: Path) -> None:
+    """With 0.1 Ohm the voltage sags by a quarter, and fin angles differ by 0.06 deg or more."""
     stiff, soft = flown(Fmu(four)), flown(Fmu(four, bus_resistance=0.1))
     assert soft["bus_voltage_v"].min() < 0.75 * SUPPLY_VOLTAGE
-    assert soft["bus_voltage_v"].max() > SUPPLY_VOLTAGE  # braking feeds it
+    assert soft["bus_voltage_v"].max() > SUPPLY_VOLTAGE  # braking motors regenerate
     assert apart(stiff, soft) > 1e-3
 
 
-def test_mixing_by_the_unit_is_the_examples_own(four: Path) -> None:
-    """The same fin angles from roll, pitch and yaw commands, where the commands' limit is reached, too.
+def test_mixing_in_the_fmu_equals_the_mixing_of_the_example(four: Path) -> None:
+    """The commands also reach their limit. The encoder is off, since rounding could change a count.
 
-    Without encoder, so that rounding moves no count: 1e-12 rad is a few hundred times what is left of it. A wrong sign
-    in one axis is a turn the other way.
+    1e-12 rad is then a few hundred times the rounding.
     """
     parameters = {**WIRED, "encoder.enabled": False}
     manoeuvre = replace(SHORT, turns=(Turn(0.02, (120.0, 25.0, -20.0)),))
-    own = flown(Fmu(four, parameters=parameters), manoeuvre)
-    unit = flown(Fmu(four, parameters=parameters, mixing=True), manoeuvre)
-    assert apart(own, unit) < 1e-12
-    assert np.mean(np.abs(fins(own, "command{}_rad")) == LIMIT) > 0.01
+    by_example, by_fmu = (flown(Fmu(four, parameters=parameters, mixing=mixing), manoeuvre) for mixing in (False, True))
+    assert apart(by_example, by_fmu) < 1e-12
+    assert np.mean(np.abs(fins(by_example, "command{}_rad")) == LIMIT) > 0.01
 
 
 @pytest.mark.parametrize(("fins_built", "message"), [
@@ -138,14 +136,14 @@ def test_impossible_bus_is_refused(resistance: float, four: Path) -> None:
         Fmu(four, bus_resistance=resistance)
 
 
-def test_single_units_have_no_bus_and_no_mixing(native: Path) -> None:
+def test_bus_and_mixing_of_a_single_actuator_are_refused(native: Path) -> None:
     with pytest.raises(EmcasError, match=r"is a single actuator, without a shared bus: .* leave --bus-resistance"):
         Fmu(native, bus_resistance=RESISTANCE)
     with pytest.raises(EmcasError, match=r"is a single actuator, without mixing: .* leave --mixing"):
         Fmu(native, mixing=True)
 
 
-def test_no_compiler_to_build_with(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_error_without_a_compiler(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(building, "zig", lambda: None)
     monkeypatch.setattr(building, "local_compilers", lambda: iter(()))
     with pytest.raises(CompilerError, match=r"without --fmu an FMU is built, which needs a C compiler: pip install"):
@@ -154,7 +152,7 @@ def test_no_compiler_to_build_with(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
 
 
 @pytest.mark.slow
-def test_a_system_compiler_will_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, native: Path) -> None:
+def test_fmu_is_built_with_a_system_compiler(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, native: Path) -> None:
     systems = [compiler for compiler in local_compilers() if not compiler.zig]
     if not systems:
         missing("there is no system compiler (Debian: apt-get install gcc)")

@@ -1,4 +1,4 @@
-"""Four fins on a body in MuJoCo, turned by FMUs with torque out."""
+"""Four fins on a body in MuJoCo, driven by FMUs whose output is the torque."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def actuators(fmu: Path) -> Iterator[list[Half]]:
 
 
 @pytest.mark.fmu
-def test_a_fin_moves_as_with_its_inertia_inside(actuators: list[Half]) -> None:
-    """Without roll and weight each fin is alone in the air, as that of the ordinary actuator: within 0.01 deg."""
+def test_fin_moves_like_that_of_the_whole_actuator(actuators: list[Half]) -> None:
+    """Without roll and gravity the fins do not interact, and agree with the actuator that contains its fin."""
     tail = rig.Rig(actuators)
     tail.model.dof_armature[tail.model.joint("roll").dofadr[0]] = 1e9  # kg.m2
     tail.model.opt.gravity[:] = 0.0
@@ -58,19 +58,19 @@ def test_a_fin_moves_as_with_its_inertia_inside(actuators: list[Half]) -> None:
 
 @pytest.mark.fmu
 @pytest.mark.parametrize("inertia", [0.25, 4.0])
-def test_the_tail_rolls(actuators: list[Half], inertia: float) -> None:
-    """And comes to rest at the command, with the fins at 0, whatever their inertia is."""
+def test_tail_rolls_to_its_command(actuators: list[Half], inertia: float) -> None:
+    """It then rests with the fins at 0, for any inertia of the fins."""
     rows = rig.Rig(actuators, inertia=inertia).run(1.0, lambda time: 1.0)
     assert rows[-1, 1] == pytest.approx(1.0, abs=0.01)
-    assert np.abs(rows[-100:, 2]).max() < 0.05  # rad/s, by fins that stick 0.002 deg from 0; measured 0.023
+    assert np.abs(rows[-100:, 2]).max() < 0.05  # rad/s; measured 0.023, by fins that stick at 0.002 deg
     assert np.degrees(np.abs(rows[-100:, rig.COLUMNS.index("fin1_angle")])).max() < 0.2
 
 
 @pytest.mark.fmu
 def test_program(tmp_path: Path) -> None:
-    done = CliRunner().invoke(PROGRAM, ["--stop", "0.6", "--plot", str(tmp_path / "roll.svg")])
-    assert done.exit_code == 0, done.output
-    found = re.search(r"at 0.6 s: (\S+) deg", done.output)
+    result = CliRunner().invoke(PROGRAM, ["--stop", "0.6", "--plot", str(tmp_path / "roll.svg")])
+    assert result.exit_code == 0, result.output
+    found = re.search(r"at 0.6 s: (\S+) deg", result.output)
     assert found is not None
     assert float(found[1]) == pytest.approx(60.0, abs=1.0)
     assert (tmp_path / "roll.svg").stat().st_size > 1000
@@ -79,7 +79,7 @@ def test_program(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("arguments", "words"), [
     (("--model", "servo"), "torque needs a rigid drive line"),
     (("--plot", "roll.html"), "roll.html: the name of a plot must end in .svg, .png, .pdf")])
-def test_refusal(arguments: tuple[str, str], words: str) -> None:
-    done = CliRunner().invoke(PROGRAM, arguments)
-    assert done.exit_code == 2
-    assert words in " ".join(done.output.split())
+def test_error_names_the_option(arguments: tuple[str, str], words: str) -> None:
+    result = CliRunner().invoke(PROGRAM, arguments)
+    assert result.exit_code == 2
+    assert words in " ".join(result.output.split())

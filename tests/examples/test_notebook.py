@@ -1,4 +1,4 @@
-"""The notebook runs, and shows what it showed when it was stored."""
+"""The notebook runs and gives the stored outputs."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Any
 import pytest
 
 NOTEBOOK = Path(__file__).resolve().parents[2] / "examples/notebook/first_steps.ipynb"
-pytestmark = [pytest.mark.fmu, pytest.mark.slow]  # a kernel of its own to start, and every picture
+pytestmark = [pytest.mark.fmu, pytest.mark.slow]  # starts a Jupyter kernel and draws every picture
 
 
 def shown(cells: list[Any]) -> list[str]:
-    """What cells print or show as text; sizes in KiB differ with the version in the FMU."""
+    """Return the cells' text outputs without sizes in KiB, which depend on the version in the FMU."""
     outputs = [output for cell in cells for output in cell.get("outputs", [])]
     data = [{"text/plain": output.get("text"), **output.get("data", {})} for output in outputs]
     texts = ["".join(each.get("text/html") or each["text/plain"]) for each in data]
     return [text for text in texts if "KiB" not in text]
 
 
-@pytest.mark.filterwarnings("ignore")  # of the kernel's machinery
-def test_notebook(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.filterwarnings("ignore")  # of Jupyter
+def test_notebook_gives_the_stored_outputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     nbclient = pytest.importorskip("nbclient")
     nbformat = pytest.importorskip("nbformat")
     pytest.importorskip("ipykernel")

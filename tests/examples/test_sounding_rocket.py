@@ -1,4 +1,4 @@
-"""Four actuators steer a rocket in RocketPy against the hinge moments of its fins."""
+"""Four actuators control a rocket in RocketPy against the hinge moments of its fins."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ except ImportError as error:
 DURATION = 3.2  # s: a second after the turn
 
 
-def test_a_servo_holds_the_roll_against_its_hinge_moments() -> None:
+def test_servo_holds_the_roll_angle_against_the_hinge_moments() -> None:
     flight = fly.fly("servo", duration=DURATION)
-    assert fly.held(flight) < radians(8.0)  # 5 deg that the gain leaves of the misalignment, and play
+    assert fly.held(flight) < radians(8.0)  # 5 deg by the misalignment at this gain, and backlash
     turned = np.abs(flight.angle + fly.MISALIGNED) > radians(1.0)
     assert turned.any()
-    assert (flight.hinge_moment[turned] * (flight.angle + fly.MISALIGNED)[turned] < 0.0).mean() > 0.8  # turned back
+    assert (flight.hinge_moment[turned] * (flight.angle + fly.MISALIGNED)[turned] < 0.0).mean() > 0.8  # restoring
 
 
 def test_hinge_moments_turn_a_weak_servo_to_its_stops() -> None:

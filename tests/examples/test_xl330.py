@@ -1,4 +1,4 @@
-"""The comparison of the simulated XL330 with records: of a made record, of bad ones, and of the real ones if there."""
+"""The comparison of the simulated XL330 with synthetic, bad and, if present, measured records."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ GAIN, MASS, LENGTH = 400, 0.49, 0.1
 
 
 def contents(count: int = 300, **entries: Any) -> dict[str, Any]:
-    """A record of a servo that does not move, at 180 Hz, with other `entries` by name."""
+    """Return a record at 180 Hz of a servo that does not move; `entries` change the columns."""
     rows = [{"timestamp": 0.004 + k / 180.0, "goal_position": 0.6 * (k > 20), "torque_enable": k < 250,
              "position": 0.0, "load": 0, "temp": 30, **entries} for k in range(count)]
     return {"mass": MASS, "length": LENGTH, "kp": GAIN, "trajectory": "step", "entries": rows}
 
 
-def written(folder: Path, record: Any) -> Path:
+def write(folder: Path, record: Any) -> Path:
     path = folder / "record.json"
     path.write_text(json.dumps(record), encoding="utf-8")
     return path
 
 
-def test_a_record_made_by_the_model_has_no_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_record_simulated_by_the_model_has_no_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made = contents()
-    run = records.read(written(tmp_path, made))
+    run = records.read(write(tmp_path, made))
     position = records.simulated(run, records.shipped(), {})
-    assert 0.2 < position[200] < 0.6  # lifts the pendulum against friction
-    assert position[-1] < 0.5 * position[240]  # and lets it fall
+    assert 0.2 < position[200] < 0.6  # the servo lifts the pendulum
+    assert position[-1] < 0.5 * position[240]  # and the pendulum falls
     for entry, angle in zip(made["entries"], position):
         entry["position"] = float(angle)
-    path, out = written(tmp_path, made), tmp_path / "errors.json"
+    path, out = write(tmp_path, made), tmp_path / "errors.json"
     assert compare.main(["--records", str(path), "--json", str(out)]) == 0
     found = json.loads(out.read_text(encoding="utf-8"))
-    # The record starts at rest as the simulation does: the digits of JSON.
+    # Record and simulation start at rest: only the digits of JSON differ.
     assert found["mean_abs_error_mrad"] < 1e-6
     assert found["records"] == [{
         "file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest(), "kp": GAIN, "trajectory": "step",
@@ -54,25 +54,25 @@ def test_a_record_made_by_the_model_has_no_error(tmp_path: Path, capsys: pytest.
     assert "mean of 1" in capsys.readouterr().out
 
 
-def test_the_error_is_the_mean_of_absolute_ones(tmp_path: Path) -> None:
-    run = records.read(written(tmp_path, contents(3)))
+def test_error_is_the_mean_absolute_error(tmp_path: Path) -> None:
+    run = records.read(write(tmp_path, contents(3)))
     assert records.error(run, np.array([0.01, -0.02, 0.0])) == pytest.approx(10.0)
 
 
-def test_a_heavier_pendulum_is_lifted_less(tmp_path: Path) -> None:
-    def lifted(mass: float) -> float:
-        run = records.read(written(tmp_path, {**contents(200), "mass": mass}))
+def test_heavier_pendulum_is_lifted_less(tmp_path: Path) -> None:
+    def angle(mass: float) -> float:
+        run = records.read(write(tmp_path, {**contents(200), "mass": mass}))
         return float(records.simulated(run, records.shipped(), {records.TILT_NAME: 0.0})[-1])
 
-    assert lifted(0.2) > lifted(0.49) > lifted(0.9) > 0.0
+    assert angle(0.2) > angle(0.49) > angle(0.9) > 0.0
 
 
-def test_simulations_side_by_side_are_those_of_each(tmp_path: Path) -> None:
-    """To the bit; and at the stamps that are on the grid they are those of `simulate`."""
+def test_simulations_computed_together_equal_single_ones(tmp_path: Path) -> None:
+    """All bits are equal. At timestamps on the grid they agree with `simulate`."""
     made = contents()
     for k, entry in enumerate(made["entries"]):
         entry["timestamp"] = 0.004 * k + 0.001 * (k % 3)
-    run, base = records.read(written(tmp_path, made)), records.shipped()
+    run, base = records.read(write(tmp_path, made)), records.shipped()
     stall, tilt = np.array([0.7, 0.9, 1.1]), np.array([0.0, 0.02, -0.05])
     both = records.simulated(run, base, {"motor.stall_torque": stall, records.TILT_NAME: tilt})
     assert len({tuple(row) for row in both}) == 3
@@ -84,11 +84,10 @@ def test_simulations_side_by_side_are_those_of_each(tmp_path: Path) -> None:
     bench = records.of_bench(run, base.with_values({"motor.stall_torque": 0.7}))
     response = simulate(bench, stop=1e-3 * milliseconds[-1], step=records.STEP, fin_command=run.goal[held],
                         enable=run.enabled[held])
-    np.testing.assert_allclose(both[0], response["fin_angle"][milliseconds], rtol=0, atol=1e-12)  # stamps are rounded
+    np.testing.assert_allclose(both[0], response["fin_angle"][milliseconds], rtol=0, atol=1e-12)  # rounded timestamps
 
 
-def test_the_search_finds_the_bottom_of_a_rough_valley() -> None:
-    """A narrow, curved valley with steps of 0.01: its lowest step; and the edge of the range, of a slope."""
+def test_search_finds_the_minimum_of_a_stepped_valley_and_the_end_of_a_slope() -> None:
     bottom = np.array([0.5, -1.0, 0.3, 0.0])
 
     def cost(points: Any) -> Any:
@@ -100,29 +99,29 @@ def test_the_search_finds_the_bottom_of_a_rough_valley() -> None:
     found = minimised(cost, np.zeros(4), 0.5, 3.0, 60, 16, 1, lambda generation, _: reports.append(generation))
     assert reports == list(range(1, 61))
     assert cost(found[:, None])[0] <= 0.01
-    assert np.array_equal(found, minimised(cost, np.zeros(4), 0.5, 3.0, 60, 16, 1))  # of a seed
+    assert np.array_equal(found, minimised(cost, np.zeros(4), 0.5, 3.0, 60, 16, 1))  # same seed
     clipped = minimised(lambda points: -points[0], np.zeros(2), 0.5, 3.0, 40, 8, 1)
     assert clipped[0] == pytest.approx(3.0)
 
 
-def test_a_group_has_no_gain_or_trajectory_twice() -> None:
-    """Of the sixteen published runs without four, which are a group themselves."""
+def test_groups_have_each_gain_and_trajectory_once() -> None:
+    """Twelve of the sixteen published runs; the other four are a group."""
     def run(trajectory: str, gain: float) -> records.Record:
         nothing = np.zeros(0)
         return records.Record(Path(), "", gain, MASS, LENGTH, trajectory, nothing, nothing, nothing > 0, nothing)
 
-    kept = {("sin_time_square", 100.0), ("up_and_down", 200.0), ("sin_sin", 400.0), ("lift_and_drop", 800.0)}
-    every = [(name, gain) for name, _ in sorted(kept) for gain in (100.0, 200.0, 400.0, 800.0)]
-    found = calibration.groups([run(*each) for each in every if each not in kept])
+    left_out = {("sin_time_square", 100.0), ("up_and_down", 200.0), ("sin_sin", 400.0), ("lift_and_drop", 800.0)}
+    every = [(name, gain) for name, _ in sorted(left_out) for gain in (100.0, 200.0, 400.0, 800.0)]
+    found = calibration.groups([run(*each) for each in every if each not in left_out])
     assert [len(group) for group in found] == [4, 4, 4]
     for group in found:
         assert len({each.gain for each in group}) == len({each.trajectory for each in group}) == 4
-    assert {(each.trajectory, each.gain) for each in calibration.groups([run(*each) for each in every])[0]} == kept
+    assert {(each.trajectory, each.gain) for each in calibration.groups([run(*each) for each in every])[0]} == left_out
 
 
 @pytest.mark.slow
-def test_a_calibration_finds_what_made_its_records(tmp_path: Path) -> None:
-    """Two made records, that swing and stick: followed from the data sheet, also a third, to a fifth of its error."""
+def test_calibration_recovers_the_simulated_servo(tmp_path: Path) -> None:
+    """Calibrated to two synthetic records from the data sheet, the servo predicts a third with a fifth of the error."""
     true = calibration.values_of(np.array([0.6, -0.5, 0.5, 0.3, -0.5, 0.5, 1.0, 0.3, 0.2, 0.0, 0.3, 0.7]))
     paths = []
     for gain, amplitude in ((200, 0.5), (800, 0.9), (400, 0.7)):
@@ -139,7 +138,7 @@ def test_a_calibration_finds_what_made_its_records(tmp_path: Path) -> None:
     base = records.shipped()
     begin = records.error(third, records.simulated(third, base, calibration.typical()))
     left = calibration.unseen([*fitted, third], base, [third])["400.json"]
-    assert left < begin / 5.0  # it is a thirteenth; what is left is the prior's, and where the servo sticks
+    assert left < begin / 5.0  # measured 1/13; the rest is the prior, and the angle at which the servo sticks
 
 
 def _without(record: dict[str, Any], name: str) -> dict[str, Any]:
@@ -167,22 +166,22 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_record_is_an_error_of_one_line(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_error_of_a_bad_record_is_one_line(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     record, message = BAD[name]
-    assert compare.main(["--records", str(written(tmp_path, record()))]) == compare.REFUSED
+    assert compare.main(["--records", str(write(tmp_path, record()))]) == compare.REFUSED
     error = capsys.readouterr().err
     assert error.startswith("error: ")
     assert error.count("\n") == 1
     assert message in error
 
 
-def test_the_only_record_cannot_be_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert compare.main(["--records", str(written(tmp_path, contents(3))), "--unseen"]) == compare.REFUSED
+def test_unseen_needs_two_records(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert compare.main(["--records", str(write(tmp_path, contents(3))), "--unseen"]) == compare.REFUSED
     assert "record.json: is the only record; pass more, so that one can be left out" in capsys.readouterr().err
 
 
-def test_without_records_it_says_where_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                capsys: pytest.CaptureFixture[str]) -> None:
+def test_error_without_records_says_where_they_are(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.delenv(records.FOLDER, raising=False)
     for arguments in ([], ["--records", str(tmp_path)], ["--records", str(tmp_path / "none.json")]):
         assert compare.main(arguments) == compare.NO_RECORDS
@@ -191,8 +190,8 @@ def test_without_records_it_says_where_they_are(tmp_path: Path, monkeypatch: pyt
         assert "Apache-2.0" in error
 
 
-def test_the_records(tmp_path: Path) -> None:
-    """The figure of the README, on the records that the set was identified from."""
+def test_error_of_the_measured_records_is_below_the_target(tmp_path: Path) -> None:
+    """The set was identified from these records."""
     try:
         chosen = records.files(None)
     except records.NoRecordsError as error:
@@ -202,11 +201,10 @@ def test_the_records(tmp_path: Path) -> None:
     found = json.loads(out.read_text(encoding="utf-8"))
     assert len(found["records"]) == len(chosen)
     assert (tmp_path / "plot.png").stat().st_size > 10_000
-    assert found["mean_abs_error_mrad"] < 30.0  # the target; sticking at another angle changes it by some mrad
+    assert found["mean_abs_error_mrad"] < 30.0  # the target; other angles of sticking change the error by some mrad
 
 
-def test_the_set_names_its_records() -> None:
-    """By hash, as the credibility card reads it; the files, where they are, have these hashes."""
+def test_set_contains_hash_and_error_of_its_records() -> None:
     path = ROOT / "models/sets/xl330.toml"
     named = {each.name: each for each in measured_records(path.name, path.read_bytes())}
     assert len(named) == 12
@@ -220,13 +218,13 @@ def test_the_set_names_its_records() -> None:
     for run in runs:
         if run.path.name in named:
             assert run.sha256 == named[run.path.name].sha256
-            off = records.error(run, records.simulated(run, records.shipped(), {}))
-            assert named[run.path.name].use == f"fitted; position mean absolute error {off:.1f} mrad"
+            mean = records.error(run, records.simulated(run, records.shipped(), {}))
+            assert named[run.path.name].use == f"fitted; position mean absolute error {mean:.1f} mrad"
 
 
 @pytest.mark.slow
-def test_the_set_is_what_a_calibration_from_the_data_sheet_gives(tmp_path: Path) -> None:
-    """To 1.5 mrad of the error: another processor's rounding is another search, as another seed is."""
+def test_calibration_from_the_data_sheet_gives_the_set(tmp_path: Path) -> None:
+    """Within 1.5 mrad of the error, since rounding changes the search like another seed."""
     try:
         chosen = records.files(None)
     except records.NoRecordsError as error:
