@@ -246,7 +246,7 @@ def test_actuator_without_derivatives_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("at", "torque", "message"), [(25.0, 0.0, "command.limit"),
-                                                    (0.0, 400.0, "within the drive's limits")])
+                                                       (0.0, 400.0, "within the drive's limits")])
 def test_unreachable_operating_point_of_a_users_actuator_is_refused(at: float, torque: float, message: str) -> None:
     with pytest.raises(EmcasError, match=message):  # 39 V hold 312 N.m
         LinearActuator(load_parameters(model=DIRECT_DRIVE).values, radians(at), torque, DIRECT_DRIVE)

@@ -31,7 +31,7 @@ def analysis(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], 
     """JSON, page and terminal output of one run at 6 deg with a load."""
     folder = tmp_path_factory.mktemp("analysis")
     result = emcas("analyse", "--at", "6", "--torque", "-20", "--locus", "controller.velocity.kp",
-                 "--json", str(folder / "a.json"), "--report", str(folder / "a.html"))
+                   "--json", str(folder / "a.json"), "--report", str(folder / "a.html"))
     assert result.exit_code == 0, result.output
     page = (folder / "a.html").read_text(encoding="utf-8")
     return json.loads((folder / "a.json").read_text(encoding="utf-8")), page, result.output

@@ -220,8 +220,8 @@ def test_stable_range_of_the_locus_ends_at_the_gain_margin() -> None:
 
 
 @pytest.mark.parametrize(("name", "message"), [("controller.position.kq", "controller.position.kp"),
-                                            ("mass.fin", "moves no pole"), ("friction.fin_viscous", "is 0"),
-                                            ("encoder.enabled", "no such parameter")])
+                                               ("mass.fin", "moves no pole"), ("friction.fin_viscous", "is 0"),
+                                               ("encoder.enabled", "no such parameter")])
 @pytest.mark.usefixtures("few_points")
 def test_locus_of_a_parameter_without_effect_is_refused(name: str, message: str) -> None:
     parameters = load_parameters().with_values({"friction.fin_viscous": 0.0})
@@ -237,7 +237,7 @@ def test_controllers_without_integrals_have_three_states_less(values: Values) ->
 
 
 @pytest.mark.parametrize(("angle", "torque", "message"), [(21.0, 0.0, "command.limit"),
-                                                       (0.0, 1000.0, "drive.current_limit")])
+                                                          (0.0, 1000.0, "drive.current_limit")])
 def test_unreachable_operating_point_is_refused(values: Values, angle: float, torque: float, message: str) -> None:
     with pytest.raises(EmcasError, match=message):
         LinearActuator(values, radians(angle), torque)

@@ -44,7 +44,7 @@ SPRING = replace(step_to(0.2, 0.1), spring=300.0)
     (step_to(0.1, 0.1), {"drive.supply_voltage": 31.0}, 1)],
     ids=["case", "parameter", "substeps", "spring", "supply"])
 def test_kernel_and_fmus_give_the_same_bits(subjects: Subjects, excitation: Excitation, changes: dict[str, Any],
-                                       substeps: int) -> None:
+                                            substeps: int) -> None:
     runs = {name: subject.run(excitation, changes, substeps=substeps, fine=("supply_power", "at_stop"))
             for name, subject in subjects.items()}
     expected = runs["kernel"]

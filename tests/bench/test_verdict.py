@@ -339,7 +339,7 @@ figure = "bandwidth_3db"
 def test_bandwidth_outside_the_searched_range_is_a_bound(tmp_path: Path) -> None:
     wide, narrow = Play(half_width=0.0, outputs=FIN_PORT), Lag(0.5)
     path = requirements_file(tmp_path, BANDWIDTH.format(name="least", sense="minimum", limit=59),
-                     BANDWIDTH.format(name="most", sense="maximum", limit=59))
+                             BANDWIDTH.format(name="most", sense="maximum", limit=59))
     specification = load_requirements(path, wide.parameters)
     found = by_name(wide, specification)
     assert [(j.measured, j.beyond, j.passed) for j in found.values()] == [(60.0, True, True), (60.0, True, False)]

@@ -199,7 +199,7 @@ def test_probability_that_a_requirement_is_met(write: Write, tmp_path: Path) -> 
     """5 of 10 samples meet one requirement: 18.7 to 81.3 % by Clopper and Pearson's tables. All meet the other."""
     (tmp_path / "half.toml").write_text(HALF, encoding="utf-8")
     result = campaign(write(LIMITED), "--output", tmp_path / "out", "--workers", 0, "--requirements",
-                    tmp_path / "half.toml")
+                      tmp_path / "half.toml")
     assert result.exit_code == 0, result.output
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     half, all_ = summary["requirements"]["each"]

@@ -125,7 +125,7 @@ def test_failed_sample_is_recorded_with_its_reason(write: Write) -> None:
     text = SMALL + '[vary."fin.start_angle"]\ndistribution = "normal"\nmean = "0 deg"\nsd = "20 deg"\n'
     study = load_study(write(text))
     rows = rows_of(study, [0, 1, 2], np.array([[0.11, 20.0, radians(40.0), 0.0], [-1.0, 20.0, 0.0, 0.0],
-                                                            [0.11, 20.0, 0.0, 0.0]]))
+                                               [0.11, 20.0, 0.0, 0.0]]))
     assert [row["status"] for row in rows] == ["failed", "failed", "ok"]
     assert "fin.start_angle" in rows[0]["error"]
     assert "motor.torque_constant = -1 is below its minimum" in rows[1]["error"]
