@@ -55,7 +55,7 @@ def test_only_a_motor_fixed_to_the_screw_makes_a_rod(model: str) -> None:
 def test_an_envelope_does_not_advise_an_extension_that_is_refused(model: str) -> None:
     with pytest.raises(EmcasError) as error:
         envelope(load_parameters(model=model), 10.0)
-    assert "+heat" not in str(error.value)
+    assert f" {model}+heat" not in str(error.value)
 
 
 def test_a_fin_that_creeps_has_no_threshold_at_the_start_of_the_search(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -218,7 +218,6 @@ def test_fmu_has_the_declared_variables(unit: FmuInterface, built: Mapping[str, 
     if actuator.supply is None:
         assert not [name for name in names if "bus" in name or "supply" in name]
         assert "supply_voltage" not in page
-        assert "assumed to point along z" not in page  # as the shipped note of the fork's centre of mass says
 
 
 _fin_inputs = st.tuples(st.floats(-0.5, 0.5), st.floats(-150.0, 150.0), st.sampled_from([True, True, False]),

@@ -38,8 +38,8 @@ def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque:
     table = {}
     for name, ki in gains.items():
         changed = dict(values) if ki is None else {**values, "controller.position.ki": ki}
-        if ki == 0.0:  # without an integral, a setpoint weight other than 1 causes a steady error
-            changed["controller.position.setpoint_weight"] = 1.0
+        if ki == 0.0 and "controller.position.setpoint_weight" in values:
+            changed["controller.position.setpoint_weight"] = 1.0  # another weight causes an error without an integral
         linear = LinearActuator(changed, fin_angle, aero_torque, model)
         to_command, to_load = linear.closed.dcgain()[0] if linear.stable else (nan, nan)
         largest = largest_pole(linear.closed)
