@@ -19,14 +19,14 @@ from .metrics import Array, crossing
 if TYPE_CHECKING:
     from .runs import Run
 
-SWEPT = (0.5, 24.0)  # Hz, range of the estimate: a sweep to 30 Hz passes 24 Hz about half a segment before its end
-# Smallest share of a response's power in the fundamental for which the response is a sine: a triangle wave has 0.986,
-# a square wave 0.81.
+SWEPT = (0.5, 24.0)  # Hz, range of the estimate: a sweep of 12 s to 30 Hz passes 24 Hz 0.65 s before it ends
+# A response counts as a sine if its fundamental has at least this share of its power. A triangle wave has 0.986, a
+# square wave 0.81.
 PURE = 0.9
 
-# Length and overlap of the Hann segments. A second is thirty times the actuator's memory: truncating a response at a
-# segment's end matters little. It is also short: a sweep's harmonics, which occur at other times than the same
-# frequency in the command, fall into other segments.
+# Length and overlap of the Hann segments. A second is long compared with the actuator's impulse response: truncating a
+# response at a segment's end matters little. It is also short: when a harmonic has a frequency f, the command has
+# another frequency, and it passes f in another segment.
 SEGMENT = 1.0  # s
 OVERLAP = 15.0 / 16.0  # share of a segment
 # Share of the largest input power below which a frequency counts as not excited.
@@ -62,7 +62,7 @@ class FrequencyResponse:
 
     @property
     def bandwidths(self) -> tuple[float, float]:
-        """`crossings`, but nan also where the loss is too large from the lowest frequency on."""
+        """`crossings`, but nan where the limit is already exceeded at the lowest frequency."""
         gain, phase = (nan if loss[0] >= limit else at
                        for (loss, limit), at in zip(self._losses, self.crossings, strict=True))
         return gain, phase
@@ -79,7 +79,7 @@ class FrequencyResponse:
 
     @property
     def stated(self) -> tuple[str, str]:
-        """Both bandwidths [Hz] as text; with ``< `` or ``> `` an end of the response, with a dash if it has gaps."""
+        """Both bandwidths [Hz] as text; outside the response ``< `` or ``> `` and its end, a dash if it has gaps."""
         complete = np.all(np.isfinite(self.gain)) and np.all(np.isfinite(self.phase))
         gain, phase = (f"< {number(at)}" if not isnan(at) and isnan(within) else
                        f"> {number(self.frequency[-1])}" if isnan(at) and complete else number(at)
@@ -101,9 +101,9 @@ def frequency_response(time: Array, command: Array, response: Array, low: float,
     H1 (Bendat & Piersol, "Random Data", 4th ed., section 6.2) weights each segment by the command's power in it. The
     harmonics of a nonlinear response occur while the sweep is at other frequencies and cancel: the result is the
     fundamental, the describing function at the amplitude of the sweep. The response is first shifted back by its lag,
-    which would bias the estimate (ibid., section 11.3). Frequencies that the command does not excite are left out. The
-    estimate is poor at frequencies within half a segment of the sweep's ends. One sweep of 12 s from 0.5 to 30 Hz gives
-    a second-order system with delay within 1.5 % from 0.5 to 22 Hz, and within 5 % at 24 Hz.
+    since a lag biases the estimate (ibid., section 11.3). Frequencies that the command does not excite are left out.
+    The estimate is poor at frequencies that the sweep reaches within half a segment of its end. One sweep of 12 s from
+    0.5 to 30 Hz gives a second-order system with delay within 1.5 % from 0.5 to 22 Hz, and within 5 % at 24 Hz.
     """
     rate = (len(time) - 1) / (time[-1] - time[0])
     lag = max(int(np.argmax(scipy.signal.correlate(response, command))) - (len(command) - 1), 0)
@@ -125,7 +125,7 @@ def frequency_response(time: Array, command: Array, response: Array, low: float,
 
 
 def sweep_response(run: Run, low: float = SWEPT[0], high: float = SWEPT[1]) -> FrequencyResponse:
-    """Return the frequency response of a finished run under a sweep from `low` to `high` [Hz].
+    """Return the frequency response of a finished run under a sweep, estimated from `low` to `high` [Hz].
 
     The coherence is nan if the fin does not move.
     """

@@ -31,10 +31,10 @@ def build(
     scalars: Annotated[bool, typer.Option("--scalars", help="FMI 3.0: no arrays, for hosts that do not support them, "
                                           "such as OMSimulator and Ecos.")] = False,
     platform: Annotated[list[str] | None, common.value(
-        "Build for this platform only: linux64, win64, darwin64 (macOS on Intel and Apple processors), aarch64-linux; "
-        "native only. Repeatable.", "NAME")] = None,
-    cc: Annotated[str | None, common.value("System C compiler instead of zig, for this platform only; native only.",
-                                           "PROGRAM", "--cc")] = None,
+        "Build only for the named platform: linux64, win64, darwin64 (macOS on Intel and Apple processors), "
+        "aarch64-linux; native only. Repeatable.", "NAME")] = None,
+    cc: Annotated[str | None, common.value("System C compiler instead of zig, for the machine on which it runs; "
+                                           "native only.", "PROGRAM", "--cc")] = None,
     model: common.ModelOption = NONLINEAR,
     fins: Annotated[int, common.value("Number of actuators in the FMU, all on one supply. With 4 the model is called "
                                       "EMCAS4.", "N")] = 1,
@@ -58,8 +58,8 @@ def build(
     references: Annotated[bool, typer.Option(
         help="Embed reference responses, which any host can repeat. With changed parameters their integration takes a "
              "second or more. FMUs of --part and --interface torque have none.")] = True,
-    output: Annotated[Path | None, common.value("FMU to write. Default: EMCAS.fmu, EMCAS4.fmu with --fins 4, or the "
-                                                "name of --identifier.", "FILE", "--output", "-o")] = None,
+    output: Annotated[Path | None, common.value("FMU to write. Default: the model's identifier, such as EMCAS.fmu, "
+                                                "or EMCAS4.fmu with --fins 4.", "FILE", "--output", "-o")] = None,
 ) -> None:
     """Build an FMU from a parameter set."""
     from ..fmi.interface import FmuInterface
@@ -80,4 +80,4 @@ def build(
                f"({', '.join(built.platforms)})")
     if parameters:
         common.say(f"still {escape(in_words(chosen, remaining_estimates(chosen)))}; emcas parameters, with the "
-                   "same options, lists them")
+                   "same --parameters and --model, lists them")

@@ -1,10 +1,10 @@
-"""Motor and current-mode drive, (2.46), (2.47) and section 3.2.2.
+"""Motor and current-mode drive, equations (2.46), (2.47) and section 3.2.2 of the thesis.
 
     L di/dt = v - R i - K_e w        T_m = K_t i
     i_ref = clip(K_v u + i_off, +-I_max)
     v = clip(K_p (i_ref - i) + xi, +-V_w)        dxi/dt = K_i (i_ref - i), held while v is clipped
 
-V_w is the supply V or, with n > 0 pole pairs, the part of V that the inductive voltage across the winding leaves,
+V_w is the supply V or, with n > 0 pole pairs, what remains of V besides the inductive voltage across the winding,
 
     V_w^2 = max(V^2 - (n w L i)^2, 0)
 """
@@ -117,7 +117,8 @@ def rates(p: Any, reference: Value, speed: Value, current: Value, integral: Valu
 
 
 def lag(p: Any) -> Value:
-    """Return the time constant [s] of the current behind its reference: L/(R + K_p), 0 for an ideal loop."""
+    """Return the time constant [s] of the current behind its reference: L/(R + K_p), L/R for a PWM, 0 for an ideal loop.
+    """
     if p.structure.current == "ideal":
         return 0.0
     return p.motor.inductance / (p.motor.resistance + (p.drive.kp if p.structure.current == "loop" else 0.0))

@@ -24,8 +24,8 @@ SOURCES = {"thesis": "read in the thesis", "derived": "derived", "tuned": "by em
 _WIDTH = 116
 _INSTRUCTIONS = ("Remove the # before a value that you have, and write the value in the unit of your datasheet: \"4 "
                  "mm/turn\", \"35 ozf*in/A\", \"420 g*cm^2\". Values behind a # keep their defaults. "
-                 "docs/use/your_actuator.md relates datasheets to these values; `emcas parameters -p FILE` checks the "
-                 "file and lists the remaining estimates.")
+                 "docs/use/your_actuator.md relates datasheets to these values; `emcas parameters -p FILE --model "
+                 "MODEL` checks the file and lists the remaining estimates.")
 _VARIED = re.compile(r'^\[vary\."(.+?)"\]', re.MULTILINE)
 _INPUT = re.compile(r"^\[experiments\.(\w+)\.inputs\.([\w.]+)\]", re.MULTILINE)
 
@@ -78,7 +78,7 @@ def _value(entries: Sequence[Entry]) -> str:
 
 
 def campaign_text(base: ParameterSet) -> str:
-    """Return the shipped campaign with the user's file; factors and experiments that do not fit are left out."""
+    """Return the shipped campaign, based on the user's file, without factors and experiments that do not fit."""
     parameters, inputs = set(base.values), {v.name for v in base.actuator.inputs}
     model = "" if base.model == NONLINEAR else f"\nmodel = {json.dumps(base.model)}"
     kept, left_out = [], set()
@@ -113,7 +113,7 @@ def _readme(base: ParameterSet, files: Mapping[str, str]) -> str:
     width = max(len(command) for command, _ in listed)
     about = {PARAMETERS: "your values",
              TUNING: "the gains to tune, and requirements for them: `emcas tune`",
-             CAMPAIGN: "scatter, cold and load: `emcas campaign`",
+             CAMPAIGN: "production scatter: `emcas campaign`",
              REQUIREMENTS: "the actuator's requirements: `emcas validate`, `emcas report`, `emcas compare`"}
     return "\n".join([
         f"# An actuator of the model {base.actuator.name}", "",

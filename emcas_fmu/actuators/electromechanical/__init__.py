@@ -1,1 +1,1 @@
-"""Electromechanical actuators: the thesis's, others of the literature, and those with worm gear, clutch or servo."""
+"""Electromechanical actuators: that of the thesis, others from the literature, worm gears, clutches and a servo."""

@@ -12,7 +12,7 @@ fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
     return fmi3OK;
 }
 
-/* Activating the clock is allowed only at a sample, and has no effect, since the controllers also sample without it. */
+/* Activating the clock is allowed only at a sample. It does not change the controllers, which also sample without it. */
 fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Clock value[])
 {
     instance *m = c;
@@ -38,7 +38,7 @@ fmi3Status fmi3GetIntervalDecimal(fmi3Instance c, const fmi3ValueReference vr[],
     for (size_t i = 0; i < n; ++i) {
         intervals[i] = parameters(m, 0)[SAMPLE_TIME];
         qualifiers[i] = m->interval_known ? fmi3IntervalUnchanged : fmi3IntervalChanged;
-        m->interval_known = m->s.phase != INITIALIZING; /* the sample time is fixed from then on */
+        m->interval_known = m->s.phase != INITIALIZING; /* the sample time is fixed after initialization */
     }
     return fmi3OK;
 }

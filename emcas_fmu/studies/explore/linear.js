@@ -1,7 +1,7 @@
 /* The actuator linearised at rest at 0, and the margins of its loop broken at the drive's reference: a port of
  * bench/linear, with finite differences of the equations without quantisation. Sampling and delay are exact. */
 
-const DIFFERENCE = 1e-6; // step of differences, relative to arguments above 1; Jacobians are accurate to 1e-7
+const DIFFERENCE = 1e-6; // step of differences, times the argument's magnitude above 1; Jacobians are accurate to 1e-7
 const AT_A_POLE = 1e-6; // distance from a pole z within which a response is not evaluated: bench/linear/frequency.py
 const DECAYS = 1 - 1e-10; // limit of the magnitudes of a stable loop's poles z, as in bench/linear/systems.py
 
@@ -10,8 +10,8 @@ const unit = size => zeros(size, size).map((row, i) => row.fill(1, i, i + 1));
 const applied = (matrix, vector) => matrix.map(row => row.reduce((sum, x, k) => sum + x * vector[k], 0));
 const product = (a, b) => a.map(row => b[0].map((_, j) => row.reduce((sum, x, k) => sum + x * b[k][j], 0)));
 
-/** The values and the Jacobian, by central differences, of a function of an array. All calls choose the same sides of
-    conditions, as in ops/symbols. */
+/** The values and the Jacobian, by central differences, of a function of an array. The shifted calls choose the same
+    sides of conditions as the call at the centre, as in ops/symbols. */
 function differenced(f, at) {
     const x = Float64Array.from(at), values = f(x), slopes = zeros(values.length, x.length);
     for (const [j, middle] of at.entries()) {
@@ -54,7 +54,7 @@ function exponential(a) {
 /** The sum of a row's elements at the indices. */
 const sumAt = (row, indices) => indices.reduce((sum, j) => sum + row[j], 0);
 
-/** The indices of the moving states, in groups of equal rates, since states with equal rates are one mode. */
+/** The indices of the moving states, in groups of states whose rates have equal values and slopes: they move together. */
 function groupsOf(values, slopes, count) {
     const groups = new Map();
     for (let i = 0; i < count; ++i) {
@@ -87,8 +87,9 @@ function equilibrium(plant, start, sampledStates) {
     return null;
 }
 
-/** For a setting with changed parameters, the transposed matrices of one sample, `open` with the loop broken at the
-    reference and `closed`, and the sample time `period` [s]. Null if the actuator cannot rest at 0. */
+/** For a setting with changed parameters: the transposed transition matrices of one sample, `open` with the loop broken
+    at the reference and `closed`, and the sample time `period` [s]. Null if the actuator cannot rest at 0, or if the
+    matrices are not finite. */
 function linearised(actuator, setting, changes) {
     const {states: count, kept, sampled, supply} = DATA.linear;
     const {start, plant, controllers, schedule} = actuator.equations(
@@ -142,7 +143,7 @@ function signChange(f, low, high) {
 }
 
 /** Additional points [frequency in Hz, response] between two points if the response turns by more than 20°, or changes
-    by more than a third, between them. */
+    by more than a factor of 1.39, between them. */
 function turning(at, low, high, depth = 16) {
     const [[from, [a, b]], [to, [c, d]]] = [low, high], size = Math.hypot(a, b) * Math.hypot(c, d);
     const turned = a * c + b * d < 0.94 * size, changed = Math.abs(Math.log(Math.hypot(c, d) / Math.hypot(a, b))) > 0.33;
@@ -152,8 +153,8 @@ function turning(at, low, high, depth = 16) {
 }
 
 /** The loop of a setting with changed parameters: frequency [Hz], refined at resonances, gain [dB], unwrapped phase
-    [°], margins, and the crossovers [Hz] of gain and phase margin. Margins are NaN if the closed loop is unstable. Null
-    if the actuator cannot rest at 0. */
+    [°], margins, and the crossovers [Hz] of gain and phase margin. Margins are NaN if the closed loop is unstable or the
+    loop's gain is 0. Null if there is no linear model. */
 function loopOf(actuator, setting, changes) {
     const loop = linearised(actuator, setting, changes);
     if (!loop) return null;
@@ -162,8 +163,8 @@ function loopOf(actuator, setting, changes) {
     const grid = Array.from({length: points}, (_, k) => lowest * (highest / lowest) ** (k / (points - 1)));
     const [opened, poles] = [open, closed].map(eigenvalues), stable = growthOf(poles) < DECAYS;
     /* The response is infinite at an undamped pole: only the points around it are used. */
-    const damped = opened.filter(([x, y]) => Math.abs(1 - Math.hypot(x, y)) > AT_A_POLE);
-    const peaks = damped.map(([x, y]) => Math.atan2(y, x) / (2 * Math.PI * period));
+    const regular = opened.filter(([x, y]) => Math.abs(1 - Math.hypot(x, y)) > AT_A_POLE);
+    const peaks = regular.map(([x, y]) => Math.atan2(y, x) / (2 * Math.PI * period));
     const at = f => loopAt(opened, poles, [Math.cos, Math.sin].map(wave => wave(2 * Math.PI * f * period)));
     const known = [...grid, ...peaks.filter(f => f > lowest && f < highest)].sort((f, g) => f - g).map(f => [f, at(f)]);
     const refined = known.flatMap((point, k) => k ? [...turning(at, known[k - 1], point), point] : [point]);

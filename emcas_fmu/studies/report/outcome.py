@@ -25,10 +25,10 @@ RECORDED = ("fin_angle", "fin_rate", "motor_current", "supply_power", "saturated
 
 @dataclass(frozen=True)
 class Rig:
-    """The subject of the tests.
+    """A subject with the requirements, load and mission of its tests.
 
-    `other_load` [N.m] replaces the rated hinge moment of the requirements, `mission` the synthetic mission profile,
-    `specification` the shipped requirements.
+    `other_load` [N.m], above 0, replaces the rated hinge moment of the requirements, `mission` the synthetic mission
+    profile, `specification` the shipped requirements.
     """
 
     subject: Subject
@@ -68,14 +68,14 @@ class Quantity(NamedTuple):
 
 
 def quantities(*names: str, **labels: str) -> tuple[Quantity, ...]:
-    """Return figures of the bench: those in `names` labelled by their names, those in `labels` by the label there."""
+    """Return figures of the bench; `names` have their own name as label, `labels` map further names to labels."""
     keys = {name: result_name(name)[0] for name in (*names, *labels)}
     return tuple(Quantity(key, FIGURES[name].title, labels.get(name, in_words(key)), FIGURES[name].needs)
                  for name, key in keys.items())
 
 
 def displayed(figures: Mapping[str, float], chosen: tuple[Quantity, ...]) -> dict[str, Value]:
-    """Return the `chosen` of the bench's `figures` [SI] by their names in a result, in the units that these end in."""
+    """Return the `chosen` figures by their names in a result, converted from SI to the units in these names."""
     values = metrics.displayed(figures)
     return {q.key: values[q.key] for q in chosen}
 
