@@ -117,8 +117,7 @@ def rates(p: Any, reference: Value, speed: Value, current: Value, integral: Valu
 
 
 def lag(p: Any) -> Value:
-    """Return the time constant [s] of the current behind its reference: L/(R + K_p), L/R for a PWM, 0 for an ideal loop.
-    """
+    """Return the time constant [s] of the current: L/(R + K_p) behind its reference, L/R for a PWM, 0 if ideal."""
     if p.structure.current == "ideal":
         return 0.0
     return p.motor.inductance / (p.motor.resistance + (p.drive.kp if p.structure.current == "loop" else 0.0))
