@@ -37,6 +37,20 @@ def test_each_actuator_moves_as_alone() -> None:
         assert angle[k] == batch.outputs["fin_angle"][k] == alone["fin_angle"][-1]
 
 
+@pytest.mark.parametrize("spread", [0.0, 40.0], ids=["shared", "of each"])
+def test_vehicle_motion_may_change_at_each_run(spread: float) -> None:
+    """To the bit as alone, for an acceleration that all actuators share and for one that differs between them."""
+    sets, levels = [BASE] * 5, (0.0, 60.0, 60.0, -90.0)
+    batch, offsets = Batch(sets), np.linspace(0.0, spread, 5)
+    for k, level in enumerate(levels):
+        batch.run(0.01 * (k + 1), acceleration__z=level + offsets if spread else level, fin_command=0.1)
+    for k, offset in enumerate(offsets):
+        steps = [level + offset for level in (*levels, levels[-1])]
+        alone = simulate_kernel(BASE.values, 0.04, 0.01, fin_command=0.1, acceleration__z=steps)
+        assert batch.outputs["fin_angle"][k] == alone["fin_angle"][-1]
+        assert batch.outputs["hinge_torque"][k] == alone["hinge_torque"][-1]
+
+
 def test_memory_fits_the_longest_delay_buffer() -> None:
     """Two delays in samples, and two more values, of the actuator with the longest delays."""
     schedules = np.outer([2.0, 5.0, 3.0], np.ones(len(Schedule._fields)))
