@@ -58,7 +58,7 @@ def load_flow(spool: float, load_pressure: float) -> float:
 # -- closed forms -----------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("torque", "published"), [(0.0, 276.3), (-100.0, 211.6), (100.0, 331.6)])
+@pytest.mark.parametrize(("torque", "published"), [(0.0, 275.0), (-100.0, 212.0), (100.0, 329.0)])
 def test_rate_of_the_open_valve(torque: float, published: float) -> None:
     """Q_r sqrt((p_s - p_t - P_L)/dp_r) = A R w + C_ip P_L; P_L balances load, friction and the piston's inertia."""
     ratio, ratio_slope = lever(0.0)
@@ -78,8 +78,8 @@ def test_rate_of_the_open_valve(torque: float, published: float) -> None:
     rate = float(np.interp(0.0, found["fin_angle"][slewing], found["fin_rate"][slewing]))
     # The lever changes the rate during the motion, which takes some pressure: 0.3 % measured.
     assert rate == pytest.approx(expected, rel=0.005)
-    # docs/model/electrohydraulic.md uses the arm of 50 mm instead of R: cos(5 deg)^2, 0.8 %.
-    assert degrees(expected) == pytest.approx(published, rel=0.008)
+    # docs/model/electrohydraulic.md has whole degrees per second.
+    assert degrees(expected) == pytest.approx(published, abs=0.5)
 
 
 def test_hydraulic_frequency_and_damping() -> None:
