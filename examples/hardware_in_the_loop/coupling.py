@@ -48,8 +48,10 @@ class Half:
         self._fmu.exitInitializationMode()
 
     def _set(self, variable: fmpy.model_description.ScalarVariable, value: float) -> None:
-        put = self._fmu.setReal if variable.type == "Real" else self._fmu.setBoolean
-        put([variable.valueReference], [value])
+        if variable.type == "Real":
+            self._fmu.setReal([variable.valueReference], [value])
+        else:
+            self._fmu.setBoolean([variable.valueReference], [int(value)])
 
     def signals(self) -> Signals:
         values: dict[str, float] = {}
