@@ -41,6 +41,7 @@ DRY_FRICTION = _capability("dry friction at motor and hinge", "friction.coulomb.
                            "friction.table.coulomb[0]", "friction.fin_coulomb", "motor_speed",
                            states=("motor_angle", "motor_speed"))
 RIGID_DRIVE_LINE = _capability("a rigid drive line", "motor_angle", "motor_speed", states=("motor_angle",))
+MOTOR_SHAFT = _capability("a motor shaft fixed to its screw or worm", "motor_angle", "motor_speed")
 BACKLASH = _capability("backlash", "drive_line.backlash")
 SCREW_LOAD = _capability("a screw without losses", "screw.lead", "motor_speed", "motor_torque", shared=_MECHANICS)
 REFERENCE_LIMIT = _capability("a drive whose reference has a limit", "drive.reference_limit")

@@ -217,6 +217,9 @@ class Actuator:
         if missing := [name for name in read if name not in {s.name for s in self.states}]:
             raise EmcasError(f"actuator {self.name}: there is no state {missing[0]}; the sensors read fin_angle and "
                              "fin_rate, or the states of angle and speed that encoder=(..., ...) names")
+        if unknown := [name for name in self.without_effect if name not in {v.name for v in self.inputs}]:
+            raise EmcasError(f"actuator {self.name}: without_effect: there is no input {unknown[0]}"
+                             f"{hint(unknown[0], [v.name for v in self.inputs])}")
         variables = (*self.inputs, *self.outputs, *self.parameters)
         if twice := [name for name, times in Counter(v.name for v in variables).items() if times > 1]:
             raise EmcasError(f"actuator {self.name}: {twice[0]} is declared twice; give inputs, outputs and parameters "

@@ -105,10 +105,9 @@ def obstacle(test: Test, figure: str, subject: Subject) -> str:
         return extras.absent("analysis", "margins need", "control", "casadi") or _unlinear(subject.parameters)
     if test.supply != 1.0 and subject.supply is None:
         return "this actuator has no supply"
-    needed = {name for name, needs in ((subject.supply, test.supply != 1.0),
-                                       (LOAD, test.torque and test.kind != "repeat")) if needs}
-    if missing := needed & subject.actuator.without_effect:
-        return f"{missing.pop()} has no effect on this actuator's motion"
+    for name, needed in ((LOAD, test.torque and test.kind != "repeat"), (subject.supply, test.supply != 1.0)):
+        if needed and name in subject.actuator.without_effect:
+            return f"{name} has no effect on this actuator's motion"
     return subject.lacking(FIGURES[figure].needs)
 
 

@@ -24,7 +24,7 @@ def report(
     mission: Annotated[Path | None, common.value("Mission profile instead of the synthetic one: CSV of time (s) and "
                                                  "inputs in SI.", "FILE.csv")] = None,
     load: Annotated[float | None, common.value("Rated hinge moment in N.m. Default: that of the required loaded "
-                                               "rate, 100 as shipped.", "MOMENT")] = None,
+                                               "rate, such as 100.", "MOMENT")] = None,
     document: Annotated[str, common.value("Document number of the report.", "TEXT")] = "",
     revision: Annotated[str, common.value("Revision of the report.", "TEXT")] = "",
     date: common.DateOption = "",

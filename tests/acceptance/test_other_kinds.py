@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from math import radians
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +22,7 @@ from emcas_fmu.studies.analysis.analyse import SECTIONS
 from emcas_fmu.studies.analysis.envelope import envelope
 from emcas_fmu.studies.analysis.final_values import final_values
 from emcas_fmu.studies.report import accuracy, stiffness
+from emcas_fmu.studies.report.acceptance import carry_out
 from emcas_fmu.studies.report.outcome import Rig
 
 
@@ -47,8 +51,10 @@ def test_a_load_that_friction_holds_leaves_no_error(model: str, share: float) ->
 def test_only_a_motor_fixed_to_the_screw_makes_a_rod(model: str) -> None:
     provides = get(model).provides
     rod = provides.issuperset(SECTIONS["modes"][1])
-    assert not (rod and "clutch" in model)
-    assert not rod or capabilities.SCREW_AND_LEVER in provides
+    expected = capabilities.SCREW_AND_LEVER in provides and "clutch" not in model
+    assert rod == expected
+    for extension in ("stribeck", "lugre", "efficiency", "heat"):
+        assert get(f"nonlinear+{extension}").provides.issuperset(SECTIONS["modes"][1]), extension
 
 
 @pytest.mark.parametrize("model", ["servo", "clutch"])
@@ -103,7 +109,8 @@ def test_requirements_on_loads_that_have_no_effect_are_not_judged() -> None:
     assert verdicts["repeatable"].passed
     outcome = stiffness.measure(Rig(subject))
     assert (outcome.groups, outcome.stopped) == ({}, "")
-    assert outcome.method == "Not applicable: aero_torque has no effect on this actuator's motion."
+    assert set(outcome.not_applicable.values()) == {"aero_torque has no effect on this actuator's motion"}
+    assert set(outcome.not_applicable) == {q.key for q in stiffness.QUANTITIES}
 
 
 def test_a_threshold_at_the_start_of_the_search_is_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,3 +132,28 @@ def test_breakaway_is_not_the_twist_of_a_fin_that_stays(model: str, share: float
         return float(groups["breakaway"].figures["positive_n_m"])
 
     assert moved_by(model) == pytest.approx(share * moved_by("nonlinear") + hinge, rel=0.025)
+
+
+def test_breakaway_of_a_fin_with_a_small_range() -> None:
+    """A fin that breaks away comes to rest at its stop, less than 1 deg away."""
+    small = {"fin.stop_angle": radians(0.9), "command.limit": radians(0.8)}
+    wide, narrow = (stiffness.measure(Rig(ParameterSubject(load_parameters().with_values(changed)))).groups
+                    for changed in ({}, small))
+    assert narrow["breakaway"].figures == wide["breakaway"].figures
+
+
+def test_inputs_without_effect_exist() -> None:
+    with pytest.raises(EmcasError, match="without_effect: there is no input aero_torqe; did you mean aero_torque"):
+        replace(get("second-order"), without_effect=frozenset({"aero_torqe"}))
+
+
+def test_a_requirement_on_a_figure_that_does_not_apply_is_not_judged(tmp_path: Path) -> None:
+    """The report of an actuator that no load moves ends with a verdict on a stiffness figure, not with an error."""
+    path = tmp_path / "mine.toml"
+    path.write_text("[[requirements]]\nname = 'breaks'\nfigure = 'dynamic_stiffness.breakaway.positive_n_m'\n"
+                    "maximum = '20 N*m'\noptional = true\n", encoding="utf-8")
+    parameters = load_parameters(model="second-order")
+    result = carry_out(ParameterSubject(parameters), specification=load_requirements(path, parameters))
+    (judged,) = result.judged
+    assert judged.skipped
+    assert "aero_torque has no effect" in judged.note

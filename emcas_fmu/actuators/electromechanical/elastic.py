@@ -33,7 +33,7 @@ STATES = (*interface.MOTION, *interface.DRIVE,
           State(FIN_SIDE[0], "rad", "of the fin, referred to the motor"),
           State(FIN_SIDE[1], "rad/s", "of the fin, referred to the motor"))
 _MOST_COMPLIANT = 1e100  # rad/(N.m), far beyond any real part; results computed from it stay finite
-SHAFT = replace(groups.SHAFT, provides=()).reworded(
+SHAFT = replace(groups.SHAFT, provides=(capabilities.MOTOR_SHAFT,)).reworded(
     {"motor angle": "angle of the rotor (indirect fin angle, by lever and screw)"})
 
 

@@ -89,7 +89,7 @@ MOTOR = Group((
     deviations=(as_built.FLUX,))
 # In a rigid drive line the fin's angle follows from the motor's.
 SHAFT = Group(outputs=(Output(real_output("motor_angle", "rad", "motor angle", 10.0)),),
-              provides=(capabilities.RIGID_DRIVE_LINE,))
+              provides=(capabilities.RIGID_DRIVE_LINE, capabilities.MOTOR_SHAFT))
 CURRENT = Group(outputs=(
     Output(real_output("motor_current", "A", "motor current", 30.0)),
     Output(real_output("motor_voltage", "V", "voltage applied by the drive (back-EMF while disabled)", 30.0))),

@@ -23,13 +23,14 @@ from ...physics import drive_line
 from ...physics import worm as worm_and_wheel
 from ...physics.structure import Structure
 from ...steppers import elastic as elastic_stepper
+from .. import capabilities
 from . import elastic, groups, interface, worm_gear
 from .rules import MOST_JAMMING
 
 COMPOSITION = interface.composed(
     elastic.moment,
     *groups.with_gear(worm_gear.WORM, "worm wheel",
-                      replace(groups.SHAFT, provides=()).reworded(
+                      replace(groups.SHAFT, provides=(capabilities.MOTOR_SHAFT,)).reworded(
                           {"motor angle": "angle of the rotor (indirect fin angle, by worm and wheel)"})),
     elastic.AXIAL.reworded({"screw, nut": "worm", "in tension": "along its axis"}, {
         "screw: compliance, 1 over the axial rigidity of screw, nut and bearing":

@@ -29,7 +29,7 @@ SECTIONS = {
     "thesis_linear": ("the thesis's linear model", (
         capabilities.SCREW_AND_LEVER, capabilities.CASCADE, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE,
         capabilities.DRIVE_STEP, capabilities.SCREW_EQUATIONS)),
-    "modes": ("natural frequencies of the rod", (capabilities.SCREW_AND_LEVER, capabilities.COULOMB_FRICTION)),
+    "modes": ("natural frequencies of the rod", (capabilities.SCREW_AND_LEVER, capabilities.MOTOR_SHAFT)),
     "limits": ("limits in the amplitude sweep", sweep.NEEDS),
     "capability": ("torque-speed capability", capability.NEEDS),
 }

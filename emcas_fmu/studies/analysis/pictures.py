@@ -83,7 +83,7 @@ def bode(analysis: Analysis) -> Drawing:
     load_gain.set(title="fin angle over hinge moment", ylabel="dB of 1 deg/(N.m)")
     load_phase.set(ylabel="phase [deg]", yticks=range(-270, 91, 90))
     plots.legend_above(figure, 5)
-    return Drawing("Bode diagrams", figure, "Left, fin angle over command: -3 dB at {} Hz, -90 deg at {} Hz (linear). "
+    return Drawing("Bode diagrams", figure, "Left, fin angle over command: -3 dB: {} Hz, -90 deg: {} Hz (linear). "
                    "Right, fin angle over hinge moment. The linear responses are exact for the sampled system with its "
                    "transport delay. Circles are the fundamental of the simulated response to steady sines."
                    .format(*analysis.linear.command.stated))

@@ -67,7 +67,7 @@ def _loop(loop: ClosedLoop) -> dict[str, Any]:
               for name, m in loop.margins.items()}
     poles = sorted(continuous_poles(loop.system), key=abs)
     return {"bandwidth_3db_hz": loop.command.bandwidth, "bandwidth_90deg_hz": loop.command.phase_bandwidth,
-            "peak_db": np.max(loop.command.gain_db),
+            "bandwidths": loop.command.stated, "peak_db": np.max(loop.command.gain_db),
             **{key: tables["reference"][key] for key in (
                 "gain_margin_db", "gain_margin_up_db", "gain_margin_down_db", "phase_margin_deg", "delay_margin_s")},
             "loops": tables,
@@ -99,9 +99,10 @@ def tables(f: dict[str, Any], reference: str) -> dict[str, Rows]:
     here, thesis, compared = f["linear"], f["thesis_linear"], "thesis_linear" not in f["left_out"]
     sections = {"linear": Rows("Bandwidth and peak of the linear models", [
         "", ">linearised here", *[">thesis’s model"] * compared], [
-            [label, here[key], *[thesis[key] if thesis else "unstable"] * compared] for label, key in (
-                ("bandwidth, -3 dB [Hz]", "bandwidth_3db_hz"), ("bandwidth, -90 deg [Hz]", "bandwidth_90deg_hz"),
-                ("largest closed-loop gain [dB]", "peak_db"))])}
+            [label, here_value, *[thesis_value if thesis else "unstable"] * compared]
+            for label, here_value, thesis_value in zip(
+                ("bandwidth, -3 dB [Hz]", "bandwidth, -90 deg [Hz]", "largest closed-loop gain [dB]"),
+                *([*loop["bandwidths"], loop["peak_db"]] for loop in (here, thesis or here)), strict=True)])}
     labels = {"reference": f"{reference} u", "position": "position", "velocity": "velocity (position loop open)",
               "current": "current (outer loops open)"}
     loops = {label: here["loops"][name] for name, label in labels.items() if name in here["loops"]}

@@ -116,7 +116,8 @@ def carry_out(subject: Subject, *, load: float | None = None, profile: Excitatio
             except StoppedError as error:
                 outcome = Outcome("Not finished.", stopped=str(error))
             lacking = {q.key: why for q in quantities if (why := subject.lacking(q.needs))}
-            outcomes[name] = replace(outcome, name=name, title=title, quantities=quantities, not_applicable=lacking)
+            outcomes[name] = replace(outcome, name=name, title=title, quantities=quantities,
+                                     not_applicable={**outcome.not_applicable, **lacking})
     progress("done", total, total)
     return Result(subject.identification, rig.load, chosen.rated_load, _card(card, outcomes), outcomes, tuple(
         _of_report(j, outcomes, chosen.file, of_report[j.name].optional) if j.name in of_report else j for j in judged),

@@ -18,7 +18,7 @@ CYCLES = 6.0  # fitted cycles of a sine
 SETTLE = (4.0, 0.5)  # before the fitted cycles: cycles, and at least this time [s]
 RAMP = 5.0  # s, in which the breakaway ramp reaches the rated load
 HELD, WITHIN = 2.0, 1.02  # s, of a moment that breaks the fin away; largest ratio of two moments that enclose it
-LEFT, MOVING = radians(1.0), 1e-5  # rad, a motion of a fin that broke away: in all, or in the last quarter of the hold
+LEFT, MOVING = 1.0, 1e-5  # deg and rad, a motion of a fin that broke away: in all, or in the last quarter of the hold
 BELOW, ABOVE = 0.8, 2.0  # unpowered load amplitudes, relative to the smaller and to the larger breakaway moment
 LOCKED = 1e-8  # rad, largest peak-to-peak motion of a friction-locked fin
 _UNPOWERED = {"enable": False}
@@ -64,13 +64,13 @@ def _breakaway(rig: Rig, sign: float) -> float:
     It is the moment at which the fin first moves in a ramp, or a larger one, found by bisection, if the fin only yields
     there: by twist, in a gap, or on the bristles of a friction model. It is nan if the rated load does not suffice.
     """
-    ramp = load_ramp(sign * rig.load, RAMP)
+    ramp, left = load_ramp(sign * rig.load, RAMP), radians(min(LEFT, 0.5 * rig.limit))
     first = breakaway(ramp.columns[LOAD], rig.run(ramp.holding(_UNPOWERED)).columns["fin_angle"])
 
     def moves_on(moment: float) -> bool:
         rising = np.minimum(2.0 * times(HELD) / HELD, 1.0)
         angle = rig.run(Excitation("hold", {LOAD: sign * moment * rising}).holding(_UNPOWERED)).columns["fin_angle"]
-        return bool(abs(angle[-1] - angle[0]) > LEFT or np.ptp(angle[-len(angle) // 4:]) > MOVING)
+        return bool(abs(angle[-1] - angle[0]) > left or np.ptp(angle[-len(angle) // 4:]) > MOVING)
 
     return first if isnan(first) or moves_on(min(WITHIN * first, rig.load)) else smallest(
         moves_on, first, rig.load, WITHIN)
@@ -80,7 +80,8 @@ def measure(rig: Rig) -> Outcome:
     """Measure the breakaway moment, then the stiffness: powered, and unpowered below and above breakaway."""
     groups, notes = dict[str, Group](), list[str]()
     if LOAD in rig.subject.actuator.without_effect:
-        return Outcome(f"Not applicable: {LOAD} has no effect on this actuator's motion.")
+        why = f"{LOAD} has no effect on this actuator's motion"
+        return Outcome("Not measured.", not_applicable={q.key: why for q in QUANTITIES})
     loads: dict[str, tuple[str, float, tuple[Quantity, ...]]] = {
         "powered": ("Powered", 0.5 * rig.load, (_LEAST, _MARKS[10.0]))}
     if "enable" in rig.subject.inputs:
@@ -88,8 +89,8 @@ def measure(rig: Rig) -> Outcome:
         groups["breakaway"] = Group("Breakaway moment, unpowered",
                                     {q.key: moment for q, moment in zip(_SIDES, broke, strict=True)}, _SIDES)
         if stays := bool(np.isnan(broke).any()):
-            notes.append(f"Unpowered, the rated load of {rig.load:g} N.m does not move the fin in at least one "
-                         "direction: there is no unpowered stiffness above breakaway.")
+            notes.append(f"Unpowered, the fin does not move on under the rated load of {rig.load:g} N.m in at least "
+                         "one direction: there is no unpowered stiffness above breakaway.")
         # A breakaway moment below a thousandth of the rated load is too small for a test below it.
         if stays or min(broke) > 1e-3 * rig.load:
             loads["unpowered_below_breakaway"] = (

@@ -138,7 +138,7 @@ def _bode(result: Result, cases: Mapping[tuple[str, str], CaseResult]) -> Drawin
     # The jump is real: steady sines of 3.5 deg, with the defaults, lag 81 deg at 13.5 Hz and 105 deg at 14 Hz.
     return Drawing(
         "Frequency response", figure, "Fundamental of fin angle over command, from the sweeps: "
-        + "; ".join("{}: -3 dB at {} Hz, -90 deg at {} Hz".format(look["label"], *curve.stated)
+        + "; ".join("{}, -3 dB: {} Hz, -90 deg: {} Hz".format(look["label"], *curve.stated)
                     for curve, look in curves)
         + ". If a limit of the rate acts, the response may jump to a larger lag; "
         "the sweep smears such a jump over about 1 Hz.")
