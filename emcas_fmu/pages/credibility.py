@@ -116,16 +116,18 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
     options = [each for each in extensions if each not in FMU_ONLY]
     runs = len(options) == len(extensions)
     option = f"--model {'+'.join((shlex.quote(source.name) if source else actuator, *options))}"
-    files = (f"--parameters {shlex.quote(file)}" for file in dict.fromkeys(
-        s.file for p in sets for s in repeatable(p).sources if s.sha256))
-    settings = "".join(f" {each}" for each in (*([option] if actuator != NONLINEAR or options else ()), *files))
+    files = [[s.file for s in repeatable(p).sources if s.sha256] for p in sets]
+    common = [file for file in files[0] if all(file in each for each in files)]  # no command has files of a single fin
+    settings = "".join(f" {each}" for each in (*([option] if actuator != NONLINEAR or options else ()),
+                                               *(f"--parameters {shlex.quote(file)}" for file in common)))
     external = f" {option}" if source else ""
     build, article = f"emcas build{settings} --output A.fmu; ", shlex.quote(fmu or "A.fmu") + external
     identified = {e.variable.name: e.note for p in sets for e in p.entries if e.source == IDENTIFIED}
     with_sigma = tuple(name for name, note in identified.items() if "1 sigma" in note)
     records = list(dict.fromkeys(record[1:] for p in sets for record in p.measured))
     factors = {
-        DATA: [*([Fact("equations", get(model).origin)] if get(model).origin else ()), *_sources(sets, settings)],
+        DATA: [*([Fact("equations", get(model).origin)] if get(model).origin else ()),
+               *_sources(sets, settings, [each == common for each in files])],
         VERIFICATION: [*(replace(fact, command=f"emcas validate {article}") for fact in compared),
                        *([] if compared else [Fact(
                            "comparison with an independent integration", NOT_DONE,
@@ -165,8 +167,11 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
         tuple(Factor(name, tuple(facts)) for name, facts in factors.items()))
 
 
-def _sources(sets: Sequence[ParameterSet], settings: str) -> Iterator[Fact]:
-    """Yield the number of parameters from each source, then the identified values; fins with equal facts share them."""
+def _sources(sets: Sequence[ParameterSet], settings: str, described: Sequence[bool]) -> Iterator[Fact]:
+    """Yield the number of parameters from each source, then the identified values; fins with equal facts share them.
+
+    `described` says for each fin whether `settings` are all its parameter files.
+    """
     counted: dict[tuple[str, tuple[str, ...]], list[int]] = {}
     changed = {name for each in repeatable(*sets).sources for name in each.changed}
     identified: dict[tuple[str, float, str, str], list[int]] = {}
@@ -183,7 +188,7 @@ def _sources(sets: Sequence[ParameterSet], settings: str) -> Iterator[Fact]:
         return "" if len(fins) == len(sets) else f" of fin {', '.join(map(str, fins))}"
 
     for (origin, listed), fins in counted.items():
-        in_files = origin != "user" or changed.isdisjoint(listed)
+        in_files = all(described[fin - 1] for fin in fins) and (origin != "user" or changed.isdisjoint(listed))
         yield Fact(f"parameters{of_fins(fins)}, source: {origin}", len(listed), names=listed,
                    command=f"emcas parameters{settings}" if in_files else "")
     for (name, value, unit, note), fins in identified.items():

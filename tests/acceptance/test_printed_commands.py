@@ -96,3 +96,14 @@ def test_validate_prints_the_files_that_it_writes(tmp_path: Path) -> None:
     assert [line for line in done.output.splitlines() if line.startswith("written ")] == [
         f"written {path}" for path in files.values()]
     assert all(path.is_file() for path in files.values())
+
+
+def test_commands_have_only_files_of_all_fins(tmp_path: Path) -> None:
+    """A file of one fin is in no command, and facts on this fin have no command that reads parameters."""
+    path = tmp_path / "f2.toml"
+    path.write_text("motor.resistance = { value = 0.3, unit = 'ohm', source = 'datasheet' }\n", encoding="utf-8")
+    found = facts(card([load_parameters(), load_parameters(path)], "EMCAS2.fmu"))
+    assert not [fact for fact in found.values() if path.name in fact.command]
+    estimates = {what: fact.command for what, fact in found.items() if what.endswith("source: estimate")}
+    assert estimates == {"parameters of fin 1, source: estimate": "emcas parameters",
+                         "parameters of fin 2, source: estimate": ""}
