@@ -187,7 +187,7 @@ def test_report_says_that_the_actuator_is_self_locking() -> None:
     found = stiffness.measure(Rig(ParameterSubject(parameters)))
     assert all(isnan(value) for value in found.figures["breakaway"].values())
     assert "unpowered_above_breakaway" not in found.figures
-    assert any("does not move the fin" in note for note in found.notes)
+    assert any("does not move on under the rated load" in note for note in found.notes)
 
 
 def test_energies_of_a_sine() -> None:

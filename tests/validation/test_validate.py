@@ -344,7 +344,7 @@ def test_a_recorded_reference_is_not_called_independent(tmp_path: Path, monkeypa
     unit = build(parameters, tmp_path / "EMCAS_second_order.fmu", "native", [local.name]).path
     _, document = validated(tmp_path, unit, "--report", tmp_path / "out.html")
     assert judged(document) == ["step_and_load"]
-    assert {"rest", "loaded_rate", "repeatable"} <= set(judged(document, "requirements"))
+    assert {"rest", "unloaded_rate", "repeatable"} <= set(judged(document, "requirements"))
     assert document["reference_independent"] is False
     assert "recorded from the package's own stepping" in document["notes"][0]
     page = (tmp_path / "out.html").read_text(encoding="utf-8")
