@@ -26,6 +26,11 @@ from emcas_fmu.studies.report.acceptance import carry_out
 from emcas_fmu.studies.report.outcome import Rig
 
 
+def rig(model: str = "nonlinear") -> Rig:
+    """Return the rig for an actuator's default set."""
+    return Rig(ParameterSubject(load_parameters(model=model)))
+
+
 @pytest.mark.parametrize("model", NAMES)
 def test_rated_load_does_not_stall_the_actuator(model: str) -> None:
     """The rated load of the requirements is one against which the fin reaches the end of its range."""
@@ -66,8 +71,8 @@ def test_an_envelope_does_not_advise_an_extension_that_is_refused(model: str) ->
 
 def test_a_fin_that_creeps_has_no_threshold_at_the_start_of_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """A worm gear's fin still creeps after a motion. Its threshold does not count this as an answer."""
-    rig = Rig(ParameterSubject(load_parameters(model="worm-gear")))
-    detected, words = accuracy.count(rig.subject)
+    creeping = rig("worm-gear")
+    detected, words = accuracy.count(creeping.subject)
     assert words.startswith("1 % of the accuracy")
     starts: list[Any] = []
 
@@ -76,7 +81,7 @@ def test_a_fin_that_creeps_has_no_threshold_at_the_start_of_the_search(monkeypat
         return high
 
     monkeypatch.setattr(accuracy, "smallest", search)
-    accuracy.threshold(rig)
+    accuracy.threshold(creeping)
     assert starts == [False] * 6
     assert detected > 0.0
 
@@ -115,7 +120,7 @@ def test_requirements_on_loads_that_have_no_effect_are_not_judged() -> None:
 
 def test_a_threshold_at_the_start_of_the_search_is_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(accuracy, "smallest", lambda moves, low, high: low)
-    groups = accuracy.threshold(Rig(ParameterSubject(load_parameters()))).groups
+    groups = accuracy.threshold(rig()).groups
     for group in groups.values():
         assert [group.shown(q)[:2] for q in accuracy.THRESHOLD] == ["≤ ", "≤ "]
 
@@ -128,7 +133,7 @@ def test_breakaway_is_not_the_twist_of_a_fin_that_stays(model: str, share: float
     2 % is the ratio of the bisection's moments, half a percent the ramp's and the friction's dependence on the angle.
     """
     def moved_by(name: str) -> float:
-        groups = stiffness.measure(Rig(ParameterSubject(load_parameters(model=name)))).groups
+        groups = stiffness.measure(rig(name)).groups
         return float(groups["breakaway"].figures["positive_n_m"])
 
     assert moved_by(model) == pytest.approx(share * moved_by("nonlinear") + hinge, rel=0.025)

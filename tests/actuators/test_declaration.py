@@ -39,13 +39,13 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.trace.c_source import CWriter
 from emcas_fmu.trace.tracer import Expr
 from emcas_fmu.variables import real_input
+from tests.runs import run_both_kernels
 
 from ..fmu.built import both
 from ..fmu.built import slave_class as local_class
 from ..fmu.host import OK, Fmu, Instance
 from ..marks import others_slow, slow
 from ..simulation import CompiledCore, ramped_core
-from .checks import assert_kernels_agree
 
 DRIVEN = str(Path(__file__).with_name("driven.py"))
 RATED = 2e5  # Pa
@@ -97,7 +97,7 @@ def test_kernels_agree_with_further_inputs() -> None:
         "fin_command": lambda t: 0.2 * sin(25.0 * t), "hydraulic__pressure": lambda t: RATED * (1.0 + sin(90.0 * t)),
         "drift": lambda t: 0.1 * sin(7.0 * t), "boost": lambda t: 0.1 < t < 0.2, "enable": lambda t: t < 0.25,
         "aero_torque": lambda t: 60.0 * sin(40.0 * t)}
-    run = assert_kernels_agree(values, DRIVEN, 0.3, 0.37e-3, **inputs)
+    run = run_both_kernels(values, 0.3, DRIVEN, 0.37e-3, **inputs)
     constant_pressure = simulate(values, 0.3, 0.37e-3, model=DRIVEN, **{**inputs, "hydraulic__pressure": RATED})
     assert np.abs(constant_pressure["fin_angle"] - run["fin_angle"]).max() > 1e-3
     assert set(np.unique(run["boosted"])) == {1.0, 2.0}

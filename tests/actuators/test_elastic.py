@@ -19,9 +19,10 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis.modes import load_rod, thesis_modes
 from tests.default_actuator import THESIS_LOOPS
 from tests.marks import slow
+from tests.runs import input_levels, run_within_stops
 from tests.simulation import nested
 
-from .checks import INPUT_LEVELS, convergence_order, oscillation_frequency, run_within_stops
+from .checks import convergence_order, oscillation_frequency
 from .line import DRY, HINGE, MODEL, RIGID, SMOOTH, motor_angle_of, run_of, values_of
 
 # -- modes ------------------------------------------------------------------------
@@ -206,7 +207,7 @@ def test_second_order_convergence_through_contacts_and_voltage_limits() -> None:
 
 @pytest.mark.kernel(MODEL)
 @settings(derandomize=True, max_examples=75)
-@given(levels=INPUT_LEVELS, axial=st.sampled_from([0.0, 1e-12, 1e-8, 1e-5]),
+@given(levels=input_levels(8), axial=st.sampled_from([0.0, 1e-12, 1e-8, 1e-5]),
        torsional=st.sampled_from([0.0, 1e-8, 1e-3, 1.0]), gap=st.sampled_from([0.0, 1e-6, 5e-5, 1e-3]),
        damping=st.sampled_from([0.0, 1e4, 1e7]), hinge=st.sampled_from([0.0, 1.0, 1e4, 1e9]),
        dry=st.sampled_from([0.0, 5.0]), on_fin=st.booleans(), tick=st.sampled_from([2e-5, 5e-5, 1e-3]))

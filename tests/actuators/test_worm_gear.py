@@ -23,8 +23,7 @@ from emcas_fmu.studies.tuning.evaluate import evaluate
 from emcas_fmu.studies.tuning.study import load_study
 from emcas_fmu.support.files import models_directory
 from tests.marks import slow
-
-from .checks import INPUT_LEVELS, assert_kernels_agree, run_within_stops
+from tests.runs import input_levels, run_both_kernels, run_within_stops
 
 MODEL = "worm-gear"
 # Friction falls from 0.15 at rest to 0.04 in motion: the worm locks at rest, but a load keeps a moving worm turning.
@@ -212,9 +211,9 @@ def test_deviation_of_the_worm_friction_equals_a_changed_friction() -> None:
 
 @pytest.mark.parametrize("overrides", [{}, FALLING])
 def test_kernels_agree(overrides: Mapping[str, Any]) -> None:
-    assert_kernels_agree(values({**overrides, "worm.starts": 2, "worm.teeth": 61}), MODEL, 0.2, 0.37e-3,
-                         fin_command=lambda t: 0.2 * sin(25.0 * t), aero_torque=lambda t: 120.0 * sin(60.0 * t),
-                         enable=lambda t: t < 0.15)
+    run_both_kernels(values({**overrides, "worm.starts": 2, "worm.teeth": 61}), 0.2, MODEL, 0.37e-3,
+                     fin_command=lambda t: 0.2 * sin(25.0 * t), aero_torque=lambda t: 120.0 * sin(60.0 * t),
+                     enable=lambda t: t < 0.15)
 
 
 def test_a_load_drives_the_worm_during_vibration() -> None:
@@ -240,7 +239,7 @@ def test_dry_flanks_lower_the_stall_load_even_after_the_fault_ends() -> None:
 
 
 @settings(QUICK, max_examples=15)
-@given(levels=INPUT_LEVELS, starts=st.integers(1, 12), mu=st.floats(0.0, 0.3), ratio=st.floats(1.0, 3.0))
+@given(levels=input_levels(8), starts=st.integers(1, 12), mu=st.floats(0.0, 0.3), ratio=st.floats(1.0, 3.0))
 def test_outputs_are_finite_and_the_worm_only_loses_power(levels: list[Any], starts: int, mu: float, ratio: float
                                                           ) -> None:
     v = values({"encoder.enabled": False, "worm.starts": starts, "worm.friction": mu, "worm.static_ratio": ratio})

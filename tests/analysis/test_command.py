@@ -11,19 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis.capability import capability, envelope
 from emcas_fmu.studies.analysis.modes import load_rod, modes, modes_at, thesis_modes
+from tests.commands import emcas
 
 Values = Mapping[str, Any]
-
-
-def emcas(*arguments: str) -> Result:
-    return CliRunner().invoke(app, list(arguments))
 
 
 @pytest.fixture(scope="module")

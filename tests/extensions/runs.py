@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from importlib import import_module
-from math import radians
 from typing import Any
 
 import numpy as np
-from hypothesis import strategies as st
 
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import files
@@ -28,41 +26,11 @@ REFERENCES = {"nonlinear": ("plant", "Plant"), "worm-gear": ("worm_gear", "WormP
               "series-clutch": ("series_clutch", "SeriesClutch"),
               "electrohydrostatic": ("electrohydrostatic", "Electrohydrostatic")}
 
-def levels(count: int = 6) -> st.SearchStrategy[list[tuple[float, float, bool]]]:
-    """Return up to `count` random levels of command [rad], load [N.m] and enable, each for 20 ms."""
-    return st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.booleans()), min_size=2,
-                    max_size=count)
-
-
 def values_of(*changes: Mapping[str, Any], model: str, **named: Any) -> Mapping[str, Any]:
     """Return a model's values with changes; also by keyword, ``__`` for the dot."""
     changed = {name: value for each in changes for name, value in each.items()}
     return load_parameters(model=model).with_values(
         changed | {name.replace("__", "."): value for name, value in named.items()}).values
-
-
-def assert_equal(run: Mapping[str, Any], expected: Mapping[str, Any], *, rows: slice = slice(None)) -> None:
-    """Check that a run has every column of `expected`, bit for bit."""
-    for name, column in expected.items():
-        assert np.array_equal(run[name][rows], column[rows]), name
-
-
-def run_both_kernels(values: Mapping[str, Any], stop: float, model: str, step: float = 1e-3, **inputs: Any
-                     ) -> Mapping[str, Any]:
-    """Return a run in Python after a check that the compiled kernel computes the same bits."""
-    python, compiled = (simulate(values, stop, step, kernel, model, **inputs) for kernel in ("python", "compiled"))
-    assert_equal(compiled, python)
-    return python
-
-
-def run_levels(values: Mapping[str, Any], model: str, each: Sequence[tuple[float, float, bool]]) -> Mapping[str, Any]:
-    """Return a run under `levels` after a check that it is finite and within the stops."""
-    commands, torques, enables = (np.repeat(column, 20) for column in zip(*each, strict=True))
-    run = simulate(values, (len(commands) - 1) * 1e-3, model=model, fin_command=commands, aero_torque=torques,
-                   enable=enables)
-    assert all(np.isfinite(column).all() for column in run.values())
-    assert np.abs(run["fin_angle"]).max() <= radians(25.0) * (1.0 + 1e-12)
-    return run
 
 
 def tick_errors(base: str, extension: str, values: Mapping[str, Any], stop: float, ticks: Sequence[float],

@@ -16,9 +16,10 @@ from emcas_fmu.ops.symbols import SYMBOLS
 from emcas_fmu.parameters import ParameterError
 from emcas_fmu.physics import screw
 from emcas_fmu.simulation import simulate
+from tests.runs import assert_equal
 from tests.simulation import nested
 
-from .runs import WAYS, assert_equal
+from .runs import WAYS
 from .screw_reference import IDEAL, motion
 from .screw_values import ELASTIC, EXTENSION, MODEL, NO_DRY, SCREW_STRETCHES, coulomb, efficiencies, ratio, values_of
 

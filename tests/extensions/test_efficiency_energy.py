@@ -16,9 +16,9 @@ from emcas_fmu.physics import drive_line, mechanics
 from emcas_fmu.simulation import simulate
 from emcas_fmu.steppers.elastic import Pair, advance
 from tests.marks import slow
+from tests.runs import input_levels, run_within_stops
 from tests.simulation import acting, nested
 
-from .runs import levels, run_levels
 from .screw_values import ELASTIC, MODEL, NO_DRY, coulomb, efficiencies, ratio, values_of
 
 
@@ -123,15 +123,16 @@ def test_an_elastic_screw_creates_no_energy(forward: float, backward: float, gap
 
 @pytest.mark.kernel(MODEL)
 @settings(derandomize=True, max_examples=60)
-@given(levels=levels(8), forward=st.floats(0.01, 1.0), backward=st.floats(-5.0, 1.0), dry=st.sampled_from([0.0, 5.0]),
-       on_fin=st.booleans(), model=st.sampled_from([MODEL, ELASTIC, "ristanovic+efficiency"]))
+@given(levels=input_levels(8), forward=st.floats(0.01, 1.0), backward=st.floats(-5.0, 1.0),
+       dry=st.sampled_from([0.0, 5.0]), on_fin=st.booleans(),
+       model=st.sampled_from([MODEL, ELASTIC, "ristanovic+efficiency"]))
 def test_any_inputs_give_finite_outputs_and_a_loss(levels: list[Any], forward: float, backward: float, dry: float,
                                                    on_fin: bool, model: str) -> None:
     """The fin stays within its stops and does not jump; the screw's loss is never negative."""
     backward = max(backward, 0.0) if model == ELASTIC else backward
     v = values_of({**efficiencies(forward, backward), "friction.fin_coulomb": dry, "encoder.on_fin": on_fin},
                   model=model)
-    run = run_levels(v, model, levels)
+    run = run_within_stops(v, model, levels)
     assert run["screw_loss"].min() >= 0.0
     # 300 N.m and the motor's 6.6 N.m times 63 over 50 deg are 620 J, 32 rad/s of 1.2 kg.m2; a step is 1 ms.
     assert np.abs(np.diff(run["fin_angle"])).max() < 0.04

@@ -17,11 +17,12 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import library
 from emcas_fmu.simulation import simulate
+from tests.runs import run_both_kernels
 
 from ..fmu.built import both
 from ..fmu.host import ERROR, Fmu, Instance
 from ..marks import slow
-from .runs import run_both_kernels, values_of
+from .runs import values_of
 
 MODELS = ("nonlinear+efficiency", "elastic+efficiency")
 _HOST = """

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from emcas_fmu.simulation import simulate
+from tests.runs import assert_equal
 
 from .fault_runs import BASE, BIT, MODEL, PLAIN, gust, scheduled, wave
-from .runs import assert_equal
 
 
 def test_a_jammed_fin_rests_until_the_fault_ends() -> None:

@@ -16,9 +16,9 @@ from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.simulation import simulate, simulate_fins
 from tests.default_actuator import EVERY
 from tests.marks import others_slow
+from tests.runs import assert_equal
 
 from .fault_runs import BASE, BIT, MODEL, PLAIN, bits_of, gust, scheduled, wave
-from .runs import assert_equal
 
 ELASTIC = "elastic+faults"
 QUICK = others_slow(NAMES, lambda name: name not in ("habibi", "worm-gear", "worm-gear-elastic"))

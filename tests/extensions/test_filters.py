@@ -24,8 +24,9 @@ from emcas_fmu.physics import mechanics
 from emcas_fmu.simulation import simulate
 from tests.analysis.conftest import growth, without_friction
 from tests.marks import others_slow
+from tests.runs import assert_equal, run_both_kernels
 
-from .runs import assert_equal, case_error, run_both_kernels
+from .runs import case_error
 
 MODEL = "nonlinear+filters"
 FILTERED = [name for name in NAMES if get(name).provides.issuperset(

@@ -15,8 +15,7 @@ from fmpy.validation import validate_fmu
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
-
-from .runs import assert_equal
+from tests.runs import assert_equal
 
 pytestmark = pytest.mark.fmu
 # A step to and fro under a load, with the second of two fins.

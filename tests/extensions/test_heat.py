@@ -25,10 +25,10 @@ from emcas_fmu.physics import course, heat
 from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate
 from tests.marks import others_slow
+from tests.runs import assert_equal, run_both_kernels
 from tests.simulation import acting
 
 from .held import MODEL, NO_COEFFICIENTS, blocked_run, values_of
-from .runs import assert_equal, run_both_kernels
 
 BASE = load_parameters(model=MODEL)
 MODELS = ("nonlinear", "elastic", "habibi", "ozkan", "ristanovic", "linear")

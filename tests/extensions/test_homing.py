@@ -16,6 +16,7 @@ from emcas_fmu.extensions.status import DISABLED, HOMING, OPERATIONAL, UNREFEREN
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.simulation import simulate
 from tests.marks import slow
+from tests.runs import assert_equal
 
 from .homing_run import (
     BASE,
@@ -31,7 +32,6 @@ from .homing_run import (
     run_of,
     zero_error,
 )
-from .runs import assert_equal
 
 HOMED = [UNREFERENCED, HOMING, OPERATIONAL]
 

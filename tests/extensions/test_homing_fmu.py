@@ -17,11 +17,12 @@ from fmpy.validation import validate_fmu
 from emcas_fmu.extensions.status import HOMING, OPERATIONAL, UNREFERENCED
 from emcas_fmu.fmi.package import build
 from emcas_fmu.simulation import simulate
+from tests.runs import run_both_kernels
 
 from ..fmu.host import OK, Fmu, Instance
 from ..marks import slow
 from .homing_run import BASE, MODEL, phases
-from .runs import run_both_kernels, values_of
+from .runs import values_of
 
 
 @pytest.mark.parametrize("model", ["nonlinear+homing", *slow("elastic+homing")])

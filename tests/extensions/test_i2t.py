@@ -13,9 +13,9 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import heat
 from emcas_fmu.simulation import simulate
+from tests.runs import assert_equal
 
 from .held import BLOCKED_FAST, MODEL, NO_COEFFICIENTS, blocked_run, values_of
-from .runs import assert_equal
 
 BASE = load_parameters(model=MODEL)
 _FAULTY = f"{MODEL}+faults"

@@ -19,9 +19,10 @@ from emcas_fmu.simulation import simulate, simulate_fins
 from emcas_fmu.studies.analysis import sweep
 from emcas_fmu.studies.analysis.pictures import neglected
 from tests.marks import others_slow, slow
+from tests.runs import assert_equal, run_both_kernels
 
 from . import inverter_reference as phases
-from .runs import BLOCKED, NO_CONTROLLER, NO_COULOMB, WAYS, assert_equal, run_both_kernels, tick_errors
+from .runs import BLOCKED, NO_CONTROLLER, NO_COULOMB, WAYS, tick_errors
 
 MODEL = "nonlinear+inverter"
 HAVE = [name for name in NAMES if {PHASES, VOLTAGE_LIMIT} <= get(name).provides]

@@ -16,11 +16,12 @@ from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics.saturation import constants_left
 from emcas_fmu.simulation import simulate
 from tests.marks import others_slow, slow
+from tests.runs import run_both_kernels
 from tests.simulation import acting
 
 from . import runs
 from .held import BLOCKED_FAST
-from .runs import NO_CONTROLLER, REFERENCES, run_both_kernels, tick_errors
+from .runs import NO_CONTROLLER, REFERENCES, tick_errors
 
 MODEL = "nonlinear+saturation"
 HAVE = [name for name in NAMES if {MOTOR_CURRENT, CURRENT_LIMIT} <= get(name).provides]

@@ -20,8 +20,9 @@ from emcas_fmu.physics import kinematics
 from emcas_fmu.reference.simulate import simulate as integrate
 from emcas_fmu.simulation import simulate
 from tests.marks import others_slow
+from tests.runs import run_both_kernels
 
-from .runs import BLOCKED, NO_COULOMB, run_both_kernels, values_of
+from .runs import BLOCKED, NO_COULOMB, values_of
 from .sensors_reference import Noise, Sensed
 
 MODEL = "nonlinear+sensors"

@@ -22,9 +22,10 @@ from emcas_fmu.physics import course, supply
 from emcas_fmu.simulation import simulate, simulate_fins
 from tests.fmu.built import lean
 from tests.marks import others_slow
+from tests.runs import assert_equal, run_both_kernels
 
 from . import runs
-from .runs import BLOCKED, NO_CONTROLLER, NO_COULOMB, assert_equal, run_both_kernels
+from .runs import BLOCKED, NO_CONTROLLER, NO_COULOMB
 from .supply_reference import angle_and_voltage
 
 MODEL = "nonlinear+supply"

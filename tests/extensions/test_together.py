@@ -17,9 +17,10 @@ from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.runtime.codegen import inputs_at_rest
 from emcas_fmu.simulation import simulate
 from tests.marks import others_slow, slow
+from tests.runs import assert_equal, run_both_kernels
 from tests.simulation import CompiledCore
 
-from .runs import assert_equal, run_both_kernels, values_of
+from .runs import values_of
 
 # Values with which an extension has no effect; LuGre's bristles and a DC link have no such values.
 NEUTRAL: Mapping[str, Mapping[str, Any]] = {

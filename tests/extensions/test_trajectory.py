@@ -24,8 +24,9 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.tuning.evaluate import evaluate
 from emcas_fmu.studies.tuning.study import shipped_study
 from tests.marks import others_slow, slow
+from tests.runs import assert_equal
 
-from .runs import NO_COULOMB, assert_equal, case_error
+from .runs import NO_COULOMB, case_error
 
 SET = "two-degrees-of-freedom"
 MODEL = "nonlinear+filters+trajectory"

@@ -12,8 +12,9 @@ from scipy.optimize import brentq
 
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
+from tests.runs import assert_equal, run_both_kernels
 
-from .runs import NO_COULOMB, WAYS, assert_equal, run_both_kernels
+from .runs import NO_COULOMB, WAYS
 
 MODEL = "nonlinear+uneven"
 EFFECTIVE = {"uneven.load_share": 0.03, "uneven.ripple": 0.2}  # plain bearings and a ball screw

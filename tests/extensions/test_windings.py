@@ -14,9 +14,10 @@ from emcas_fmu.actuators.capabilities import PHASES
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 from tests.marks import others_slow
+from tests.runs import assert_equal
 
 from .fault_runs import MODEL, scheduled, wave
-from .runs import BLOCKED, WAYS, assert_equal, values_of
+from .runs import BLOCKED, WAYS, values_of
 
 R, L, K = 0.25, 0.6e-3, 0.11  # Ohm, H, N.m/A of the default motor
 LEAD, ARM, TILT = 5e-3 / (2.0 * pi), 0.05, tan(radians(5.0))

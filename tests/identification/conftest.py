@@ -9,9 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from emcas_fmu.cli import app
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.identification import backlash, drive, friction, inertia
 from emcas_fmu.studies.identification.result import Identification
@@ -32,10 +30,6 @@ class Recovery(NamedTuple):
     names: list[str]
     z: Any
     relative: Any
-
-
-def emcas(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
 def shipped(kind: str) -> list[Path]:

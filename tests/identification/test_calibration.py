@@ -21,9 +21,9 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.identification import calibration, estimation, replay
 from emcas_fmu.studies.identification.unknowns import free_parameters
 from emcas_fmu.units import factor
+from tests.commands import emcas
 
 from ..docs.recipes import run_block
-from .conftest import emcas
 
 STEP, ROWS = 1e-3, 600
 # Free parameters of each kind, and outputs whose records determine them.

@@ -16,8 +16,9 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.studies.identification import backlash
 from emcas_fmu.studies.identification.result import Identification, write_identified
+from tests.commands import emcas
 
-from .conftest import BENCH, emcas, shipped
+from .conftest import BENCH, shipped
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,9 @@ import pytest
 
 from emcas_fmu.studies.identification.estimation import each, solve, weighted_fit
 from emcas_fmu.studies.identification.records import Array, RecordError
+from tests.commands import emcas
 
-from .conftest import emcas, shipped
+from .conftest import shipped
 
 Table = tuple[list[str], Array]
 Edit = Callable[[Table], Table]

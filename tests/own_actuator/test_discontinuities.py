@@ -23,7 +23,7 @@ from emcas_fmu.reference.files import cases, simulator
 from emcas_fmu.runtime.c_sources import kernel_header
 from emcas_fmu.simulation import simulate
 from emcas_fmu.steppers.discontinuities import System
-from tests.actuators.checks import assert_kernels_agree
+from tests.runs import run_both_kernels
 
 from .example import FOLDER
 
@@ -67,7 +67,7 @@ def test_second_order_through_choked_edges() -> None:
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_kernels_agree(name: str) -> None:
     model = str(FOLDER / f"{name}.py")
-    assert_kernels_agree(load_parameters(model=model).values, model, 0.02, fin_command=0.1, aero_torque=-20.0)
+    run_both_kernels(load_parameters(model=model).values, 0.02, model, fin_command=0.1, aero_torque=-20.0)
 
 
 def test_examples_have_at_most_100_lines() -> None:

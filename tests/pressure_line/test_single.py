@@ -16,7 +16,7 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 from emcas_fmu.variables import boolean_input, real_input, real_output
-from tests.extensions.runs import assert_equal
+from tests.runs import assert_equal
 
 MODEL = str(Path(__file__).with_name("throttled.py"))
 
