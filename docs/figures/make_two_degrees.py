@@ -16,6 +16,7 @@ from make_tables import main, markdown, save
 
 from emcas_fmu.actuators import NAMES, capabilities, get
 from emcas_fmu.bench.measure import Test, measure
+from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.figures import plots
 from emcas_fmu.parameters import ParameterSet, load_parameters
@@ -23,7 +24,6 @@ from emcas_fmu.parameters import ParameterSet, load_parameters
 SET = "two-degrees-of-freedom"
 KINDS = [name for name in NAMES if get(name).feed_forward is not None and (
     capabilities.POSITION_LOOP in get(name).provides)]
-RATED = {"servo": 5.0}  # N.m, rated hinge moment of an actuator to which Table 2 does not apply
 BANDWIDTHS = (0.0, 50.0, 100.0, 150.0, 250.0)  # 1/s, of the load observer
 FACTORS = np.linspace(0.8, 1.3, 11)  # of the loops' speed: kp and velocity.kp in proportion, ki with the square
 LIMITS = {"phase_margin": 45.0, "gain_margin": 8.0, "peak_angle": 0.35, "bandwidth_3db": 18.0}
@@ -60,9 +60,9 @@ def table() -> str:
 
     rows: dict[str, Mapping[str, str]] = {}
     for kind in KINDS:
-        torque = RATED.get(kind, 100.0)
-        shipped, two = (figures(each, torque) for each in (load_parameters(model=kind),
-                                                           load_parameters(SET, model=kind)))
+        sets = load_parameters(model=kind), load_parameters(SET, model=kind)
+        torque = load_requirements(None, sets[0]).rated_load
+        shipped, two = (figures(each, torque) for each in sets)
         rows[kind] = {name: f"{text(shipped[name])} → {text(two[name])}" for name in shipped}
     return markdown(("", *next(iter(rows.values()))), ((f"`{kind}`", *row.values()) for kind, row in rows.items()))
 

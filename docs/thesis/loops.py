@@ -37,7 +37,7 @@ def linear_model(runs: Runs) -> Shown:
     response = of_ratio(frequency, model.frequency_response(frequency))
     figure, ((gain,), (phase,)) = plots.figure(2, height=2.2, sharex=True)
     plots.bode(gain, phase, frequency, response.gain_db, np.degrees(response.phase),
-               (response.bandwidth, response.phase_bandwidth), color=plots.BLUE)
+               response.bandwidths, color=plots.BLUE)
     plots.bode_axes(gain, phase)
     plots.frequency_axis(phase, (0.1, 1, 10, 100))
     held = {}

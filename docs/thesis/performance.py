@@ -116,7 +116,7 @@ def bode(runs: Runs) -> Shown:
     for color, (name, label) in zip(plots.COLORS, _SWEEPS.items(), strict=False):
         response = sweep_response(runs.case(name))
         plots.bode(gain, phase, response.frequency, response.gain_db, np.degrees(response.phase),
-                   (response.bandwidth, response.phase_bandwidth), color=color, label=label)
+                   response.bandwidths, color=color, label=label)
         rows.append((label, *response.stated))
     plots.bode_axes(gain, phase)
     gain.axvline(10.0, **plots.LIMIT)

@@ -104,7 +104,7 @@ def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float
         fin_capability = capability.capability(values, model) if has_capability else None
         progress("steps", 4, _STEPS)
         compared = steps.comparisons(values, actuator, "thesis_linear" not in left_out)
-        crossings = [f for f in (linear.command.bandwidth, linear.command.phase_bandwidth) if isfinite(f)]
+        crossings = [f for f in linear.command.bandwidths if isfinite(f)]
         highest = _SWEPT * max(crossings, default=linear.command.frequency[-1] / _SWEPT)
         swept = sweep.sweeps(values, highest, fin_angle, aero_torque, model=model,
                              progress=lambda name, done, total: progress(name, 5, _STEPS))

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...bench.excitation import LOAD, Excitation, load_ramp, sine, times
 from ...bench.frequency_response import fundamental, held
+from ...bench.measure import Test, obstacle
 from ...bench.metrics import breakaway
 from ...motions import STEP
 from .accuracy import smallest
@@ -79,8 +80,7 @@ def _breakaway(rig: Rig, sign: float) -> float:
 def measure(rig: Rig) -> Outcome:
     """Measure the breakaway moment, then the stiffness: powered, and unpowered below and above breakaway."""
     groups, notes = dict[str, Group](), list[str]()
-    if LOAD in rig.subject.actuator.without_effect:
-        why = f"{LOAD} has no effect on this actuator's motion"
+    if why := obstacle(Test("load", torque=rig.load), "peak_angle", rig.subject):
         return Outcome("Not measured.", not_applicable={q.key: why for q in QUANTITIES})
     loads: dict[str, tuple[str, float, tuple[Quantity, ...]]] = {
         "powered": ("Powered", 0.5 * rig.load, (_LEAST, _MARKS[10.0]))}

@@ -133,7 +133,7 @@ def _bode(result: Result, cases: Mapping[tuple[str, str], CaseResult]) -> Drawin
         curves.insert(0, (of_ratio(frequency, LinearModel(result.parameters).frequency_response(frequency)),
                           {"label": "linear model", "color": plots.GREEN, "linestyle": (0, (5, 1.5))}))
     figure = plots.frequency_responses(
-        ((curve, (curve.bandwidth, curve.phase_bandwidth), look) for curve, look in curves),
+        ((curve, curve.bandwidths, look) for curve, look in curves),
         [j.limit for j in result.requirements if j.figure == "bandwidth_3db"])
     # The jump is real: steady sines of 3.5 deg, with the defaults, lag 81 deg at 13.5 Hz and 105 deg at 14 Hz.
     return Drawing(
