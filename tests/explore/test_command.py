@@ -99,6 +99,15 @@ def test_each_actuator_has_its_presets() -> None:
     assert "cold" not in {p["name"] for p in cold}  # these are the page's initial values
 
 
+@pytest.mark.parametrize(("model", "load"), [("nonlinear", 100.0), ("servo", 5.0)])
+def test_slider_of_the_torque_ends_at_twice_the_rated_load_and_a_load_step_has_it(model: str, load: float) -> None:
+    contents = document(load_parameters(model=model))
+    (torque,) = (field for field in contents["fields"] if field["name"] == "excitation.torque")
+    assert torque["range"] == [-2.0 * load, 2.0 * load]
+    assert contents["kinds"]["load"]["usual"]["torque"] == -load
+    assert "torque" not in contents["kinds"]["step"]["usual"]
+
+
 def test_parameters_are_shown_in_the_units_of_the_file() -> None:
     contents = document(load_parameters())
     shown = {p["name"]: (p["shown"][0], p["value"] / p["shown"][1]) for p in contents["parameters"]}

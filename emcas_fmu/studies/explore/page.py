@@ -142,7 +142,8 @@ def document(subject: ParameterSubject, inputs: Mapping[str, float], specificati
         "figures": {name: {"title": figure.title, "shown": _shown(figure.unit)}
                     for name, figure in metrics.FIGURES.items() if name in (*metrics.MOTION, *metrics.USAGE)},
         "headlines": _HEADLINES, "usage": metrics.REDUCED, "constants": _CONSTANTS,
-        **_judging(specification, subject), **_excitations(parameters.values["command.limit"], starts[LOAD]),
+        **_judging(specification, subject),
+        **_excitations(parameters.values["command.limit"], starts[LOAD], specification.rated_load),
     }))
 
 
@@ -204,16 +205,18 @@ def _sizes(model: str) -> dict[str, Any] | None:
             "supply": plain.supply.input.name if plain.supply else ""}
 
 
-def _excitations(limit: float, torque: float) -> dict[str, Any]:
+def _excitations(limit: float, torque: float, rated_load: float) -> dict[str, Any]:
     """Return the kinds of excitation on the page, and their fields with the sliders' ranges.
 
-    `limit` [rad] is the largest command, `torque` [N.m] the initial hinge torque.
+    `limit` [rad] is the largest command, `torque` [N.m] the initial hinge torque; the slider of the torque ends at
+    twice the `rated_load` [N.m], which is also that of a load step.
     """
-    kinds = {name: {"title": kind.title, "rise": kind.rise, "usual": kind.usual,
+    usual_load = {"torque": -rated_load}
+    kinds = {name: {"title": kind.title, "rise": kind.rise,
+                    "usual": {**kind.usual, **(usual_load if "torque" in kind.usual else {})},
                     "fields": tuple(dict.fromkeys((*kind.fields, "torque")))}
              for name, kind in motions.KINDS.items() if kind.usual}
-    heavy = 2.0 * motions.RATED
-    ranges = {"amplitude": (-limit, limit), "frequency": motions.SWEEP, "torque": (-heavy, heavy)}
+    ranges = {"amplitude": (-limit, limit), "frequency": motions.SWEEP, "torque": (-2.0 * rated_load, 2.0 * rated_load)}
     fields = {**motions.FIELDS, "torque": motions.FIELDS["torque"]._replace(default=torque)}
     return {"kinds": {**kinds, "csv": {"title": "Your CSV", "usual": {}, "fields": ("torque",)}},
             "fields": [{**field._asdict(), "name": f"excitation.{name}", "kind": "Real", "shown": _shown(field.unit),
