@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from functools import partial
+from functools import cache
 from math import degrees
 from typing import Any
 
@@ -170,13 +170,19 @@ def between(share: float) -> ParameterSet:
     return load_parameters().with_values({name: low[name] ** (1.0 - share) * high[name] ** share for name in GAINS})
 
 
-def margin_table(measured: Mapping[str, Mapping[str, float]]) -> str:
+@cache
+def of_sets() -> Mapping[str, Mapping[str, float]]:
+    """Return the figures of each set."""
+    return {name: figures(parameters) for name, parameters in SETS.items()}
+
+
+def margin_table() -> str:
     """Return the table of the figures of each set."""
-    return markdown(("", *next(iter(measured.values()))),
-                    ((name, *(f"{value:.3g}" for value in row.values())) for name, row in measured.items()))
+    return markdown(("", *next(iter(of_sets().values()))),
+                    ((name, *(f"{value:.3g}" for value in row.values())) for name, row in of_sets().items()))
 
 
-def draw_margins(measured: Mapping[str, Mapping[str, float]]) -> None:
+def draw_margins() -> None:
     """Plot the deviation under a load step against the phase margin, with and without a load observer."""
     with plots.style():
         picture, ((axes,),) = plots.figure(1, height=3.4, width=6.4)
@@ -190,7 +196,7 @@ def draw_margins(measured: Mapping[str, Mapping[str, float]]) -> None:
                 points.append((degrees(phase), degrees(angle)))
             axes.plot(*np.array(points).T, color=color, label=label)
         for name, marker in (("shipped", "o"), ("robust", "s")):
-            row = measured[name]
+            row = of_sets()[name]
             axes.plot(row["phase margin / °"], row["deviation under 100 N·m / °"], marker, color="#444444",
                       label=name.strip("`"))
         axes.set(xlabel="phase margin at the drive's reference [deg]", ylabel="deviation under 100 N·m [deg]")
@@ -198,9 +204,10 @@ def draw_margins(measured: Mapping[str, Mapping[str, float]]) -> None:
     save(picture, "control", 150)
 
 
+TABLES = {"model/control.md": {"margins": margin_table, "observers": observer_table, "notches": notch_table}}
+
+
 if __name__ == "__main__":
-    of_sets = {name: figures(parameters) for name, parameters in SETS.items()}
-    draw_margins(of_sets)
+    draw_margins()
     draw_responses()
-    sys.exit(main(False, {"model/control.md": {"margins": partial(margin_table, of_sets), "observers": observer_table,
-                                               "notches": notch_table}}, "make_control.py"))
+    sys.exit(main("--check" in sys.argv[1:], TABLES, "make_control.py"))

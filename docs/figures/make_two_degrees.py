@@ -102,6 +102,9 @@ def front() -> None:
     save(picture, "two_degrees_front", 150)
 
 
+TABLES = {"model/control.md": {"kinds": table}}
+
+
 if __name__ == "__main__":
     front()
-    sys.exit(main(False, {"model/control.md": {"kinds": table}}, "make_two_degrees.py"))
+    sys.exit(main("--check" in sys.argv[1:], TABLES, "make_two_degrees.py"))

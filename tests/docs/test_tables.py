@@ -40,6 +40,8 @@ def tables() -> ModuleType:
     pytest.param("make_budget", "model/accuracy.md", marks=pytest.mark.slow),
     pytest.param("make_faults", "model/faults.md", marks=pytest.mark.slow),
     pytest.param("make_sensors", "model/sensors.md", marks=pytest.mark.slow),
+    pytest.param("make_control", "model/control.md", marks=pytest.mark.slow),
+    pytest.param("make_two_degrees", "model/control.md", marks=pytest.mark.slow),
     pytest.param("make_campaigns", "tools/campaigns.md", marks=pytest.mark.slow),
 ])
 def test_table_is_up_to_date(tables: ModuleType, maker: str, document: str) -> None:
