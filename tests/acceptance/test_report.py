@@ -197,6 +197,7 @@ def test_page_has_all_figures_and_parameters_and_loads_no_other_file(
         cell = f'<td class="n">{number(value).replace("-", "−")}</td>'
         assert f"<code>{name.replace('_', '_<wbr>')}</code></td>{cell}" in text
     assert "required 220°/s" in text  # beside the limited figure
+    assert "required 198" not in text  # at 90 % of the supply; the plotted slews have the full one
 
 
 def test_document_and_revision_are_escaped_in_the_style_sheet(shipped: Result, tmp_path: Path) -> None:

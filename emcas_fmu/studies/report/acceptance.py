@@ -52,7 +52,8 @@ class Result:
     """The result of an acceptance test.
 
     `load` is the hinge moment [N.m] of the tests, `rated_load` that of the requirements. `loads` are the moments [N.m]
-    of requirements, by the names of the requirements.
+    of requirements, by the names of the requirements. `low_supply` has the names of those at a low supply, whose limits
+    do not apply to the tests.
     """
 
     about: Identification
@@ -64,6 +65,7 @@ class Result:
     parameters: Mapping[str, Any] = field(repr=False)
     model: str
     loads: Mapping[str, float]
+    low_supply: frozenset[str]
 
     @property
     def load_note(self) -> str:
@@ -122,7 +124,8 @@ def carry_out(subject: Subject, *, load: float | None = None, profile: Excitatio
     return Result(subject.identification, rig.load, chosen.rated_load, _card(card, outcomes), outcomes, tuple(
         _of_report(j, outcomes, chosen.file, of_report[j.name].optional) if j.name in of_report else j for j in judged),
         subject.values, subject.model, {r.name: abs(r.test.torque) for r in chosen.requirements
-                                        if r.test and r.test.torque})
+                                        if r.test and r.test.torque},
+        frozenset(r.name for r in chosen.requirements if r.test and r.test.supply != 1.0))
 
 
 def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
@@ -221,6 +224,7 @@ def write_report(result: Result, path: Path, date: str = "", document: str = "",
         ("the article's", "") if e.variable.name in result.about.differences else (e.source, e.note)))
         for e in load_parameters(model=result.model).entries if e.variable.name in result.parameters)
     write_page(path, "studies/report/page.html.j2", [result.about.source], date, r=result, about=result.about,
-               document=document, revision=revision, pictures=pictures(result.outcomes, result.judged),
+               document=document, revision=revision, pictures=pictures(result.outcomes, [
+                   j for j in result.judged if j.name not in result.low_supply]),
                headlines=[(outcome, *row) for outcome in result.outcomes.values() for row in outcome.headlines()],
                conditions=[(label, stated(value, unit, name)) for label, name, value, unit in rows], entries=entries)
