@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fmpy import simulate_fmu
-from hypothesis import HealthCheck, event, given, settings
+from hypothesis import HealthCheck, event, example, given, settings
 from hypothesis import strategies as st
 
 from emcas_fmu.actuators import fin_port
@@ -104,6 +104,9 @@ _segments = st.lists(st.fixed_dictionaries({
 @settings(derandomize=True, max_examples=75,
           suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(changes=_parameters, flags=_flags, segments=_segments)
+@example(changes={}, flags={}, segments=[  # within a tick the supply changes, and later the load alone
+    {"inputs": {"aero_torque": torque, "supply_voltage": supply}, "size": 1e-4, "steps": steps, "restore": False,
+     "tuned": None} for torque, supply, steps in ((0.0, 39.0, 1), (0.0, 20.0, 1), (200.0, 20.0, 1), (-50.0, 20.0, 20))])
 def test_both_fmus_agree_on_any_calls(library: Fmu, slave_class: type[Slave], changes: dict[str, float],
                                       flags: dict[str, int], segments: list[dict[str, Any]]) -> None:
     """Parameters, inputs, step sizes, restored states and tuning during the run."""
