@@ -24,8 +24,8 @@ _QUANTITIES = {
     "rad/(N.m)": "RotationalCompliance", "rad/s": "AngularVelocity", "rad/s2": "AngularAcceleration",
     "rad/s3": "AngularJerk", "s": "Time"}
 # Display units by quantity, for variables without a display unit.
-_DISPLAYS = {"Angle": "deg", "AngularVelocity": "deg/s", "BulkModulus": "bar", "Length": "mm",
-             "LengthPerAngle": "mm/rev", "Pressure": "bar", "Volume": "l", "VolumeFlowRate": "l/min"}
+_DISPLAYS = {"Angle": "deg", "AngularVelocity": "deg/s", "BulkModulus": "MPa", "Length": "mm",
+             "LengthPerAngle": "mm/rev", "Pressure": "MPa", "Volume": "l", "VolumeFlowRate": "l/min"}
 DIFFERENCES = ("TemperatureDifference",)
 """Quantities to which the offset of a unit does not apply."""
 

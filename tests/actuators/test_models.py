@@ -12,6 +12,8 @@ import pytest
 from scipy.signal import lsim
 
 from emcas_fmu.actuators import NAMES, get
+from emcas_fmu.actuators.electromechanical import interface as electromechanical
+from emcas_fmu.actuators.hydraulic import interface as hydraulic
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference.linear import LinearModel
@@ -161,6 +163,17 @@ def test_a_name_has_the_same_kind_unit_and_limits_in_every_actuator() -> None:
         same = (v.kind, v.causality, v.variability, v.unit, *limits)
         assert attributes.setdefault(v.name, same) == same, v.name
     assert {"second_order.damping", "pwm.gain"} <= set(attributes)
+
+
+@pytest.mark.parametrize("names", [
+    (electromechanical.PARAMETER_ORDER, "parameters"), (electromechanical.OUTPUT_ORDER, "outputs"),
+    (hydraulic._OUTPUT_ORDER, "outputs")], ids=("parameters", "outputs", "hydraulic outputs"))
+def test_every_place_in_the_order_of_variables_is_that_of_a_variable(names: tuple[tuple[str, ...], str]) -> None:
+    """A renamed variable would lose its place, and move to the end of the interface."""
+    order, kind = names
+    used = {next((prefix for prefix in order if v.name.startswith(prefix)), "") for each in NAMES
+            for v in getattr(get(each), kind)}
+    assert set(order) <= used
 
 
 def test_unknown_actuators_and_parameters_are_refused() -> None:

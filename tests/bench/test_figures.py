@@ -19,7 +19,7 @@ STORED = json.loads(figures.FILE.read_text(encoding="utf-8"))
 
 def check(computed: dict[str, list[Any]], section: str) -> None:
     stored = STORED[section]
-    assert list(computed) == list(stored)
+    assert list(computed) == list(stored), "python -m tests.bench.figures stores them, after a change that is intended"
     for name, values in computed.items():
         expected = [pytest.approx(x, rel=1e-6, abs=1e-11) if isinstance(x, float) else x for x in stored[name]]
         assert values == expected, name

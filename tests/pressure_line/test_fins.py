@@ -157,7 +157,7 @@ def test_the_fmu_describes_the_line(built: Mapping[str, Path], backend: str) -> 
     assert "; 4 fins on one pressure line; fins at " in root.attrib["description"]
     variables = {v.attrib["name"]: v[0].attrib for v in root.findall("ModelVariables/ScalarVariable")}
     types = {t.attrib["name"]: t[0].attrib for t in root.findall("TypeDefinitions/SimpleType")}
-    for name, unit, shown in (("supply_pressure", "Pa", "bar"), ("line_pressure", "Pa", "bar"),
+    for name, unit, shown in (("supply_pressure", "Pa", "MPa"), ("line_pressure", "Pa", "MPa"),
                               ("line_flow", "m3/s", "l/min"), (VOLUME, "m3", "l")):
         assert (variables[name]["unit"], types[variables[name]["declaredType"]]["displayUnit"]) == (unit, shown)
     assert float(variables["supply_pressure"]["start"]) == 21e6

@@ -20,6 +20,7 @@ from .points import points
 from .runs import fullest, models
 
 STORED = table.stored()
+RENEW = "python -m tests.trajectories writes the table again, after a change that is intended"
 # These models take seconds to trace. The quick models include the default actuator with each extension, the elastic one
 # with homing and with faults, and ristanovic with all its extensions.
 LARGE = {fullest(name) for name in (NONLINEAR, "elastic", "worm-gear")}
@@ -31,7 +32,7 @@ def same(values: Any) -> Any:
 
 
 def test_table_has_every_model() -> None:
-    assert list(STORED["trajectories"]) == list(STORED["rules"]) == list(STORED["points"]) == models()
+    assert list(STORED["trajectories"]) == list(STORED["rules"]) == list(STORED["points"]) == models(), RENEW
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -44,7 +45,7 @@ def test_declared_limits_and_starts_are_those_of_the_table(model: str) -> None:
 @pytest.mark.parametrize("model", MODELS)
 def test_results_of_functions_at_points_are_those_of_the_table(model: str) -> None:
     at_points, stored = points(model), STORED["points"][model]
-    assert list(at_points) == list(stored)
+    assert list(at_points) == list(stored), RENEW
     wrong = [name for name, marks in at_points.items() if marks != same(stored[name])]
     assert not wrong, f"{model}: {', '.join(wrong)} changed"
 
@@ -53,10 +54,10 @@ def test_results_of_functions_at_points_are_those_of_the_table(model: str) -> No
 def test_trajectories_are_those_of_the_table(model: str) -> None:
     trajectories = table.trajectories(model)
     stored = STORED["trajectories"][model]
-    assert list(trajectories) == list(stored)
+    assert list(trajectories) == list(stored), RENEW
     names = [v.name for v in get(model).outputs]
     for run, marks in trajectories.items():
-        assert len(marks) == len(stored[run])
+        assert len(marks) == len(stored[run]), RENEW
         wrong = [f"{names[k % len(names)]}: {mark} is no longer {before}"
                  for k, (mark, before) in enumerate(zip(marks, stored[run])) if mark != same(before)]
         assert not wrong, f"{model}, {run}: {'; '.join(wrong)}"

@@ -19,11 +19,12 @@ from ...control import firmware
 from ...control.trajectory import Ahead, Motion
 from ...namespace import Record
 from ...ops.base import Ops, Value
-from ...physics import servo
+from ...physics import mechanics, servo
+from ...physics.mechanics import hinge_friction
 from ...rules import at_most
 from ...steppers import discontinuities
 from ...steppers.discontinuities import Backlash, Coulomb
-from ...variables import integer_parameter, parameter, real_output, switch, tunable
+from ...variables import integer_parameter, only, parameter, real_output, switch, tunable
 from .. import as_built, capabilities, fin_port
 from ..composition import Composition, Group, Output, port
 from ..declaration import FIN, Actuator, PlantFault, PlantInputs, SampleInputs, State, Supply, Values
@@ -34,7 +35,7 @@ _TURNS = ("command.limit", "fin.stop_angle", "fin.start_angle")
 _PORT = port((
     *(replace(v, minimum=-pi if v.minimum < 0.0 else v.minimum, maximum=pi) if v.name in _TURNS else v
       for v in fin_port.described({"controller.sample_time": "frame time of the firmware"}, fin_port.PARAMETERS)),
-    parameter("friction.fin_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction about the hinge")),
+    *only(groups.HINGE.parameters, "friction.fin_viscous")),
     measured_fin_angle="fin angle that the firmware read from its encoder at the last frame",
     saturated="a limit is active: command or PWM")
 _PORT = replace(_PORT, outputs=tuple(
@@ -134,7 +135,7 @@ def feed_forward(ops: Ops, p: Any, motion: Motion, memory: Value) -> tuple[Ahead
     """
     speed = 0.5 * (motion.rate + motion.next_rate)
     inertia = p.inertia.motor * p.gear.ratio * p.gear.ratio + fin_port.hinge_inertia(p)
-    torque = inertia * motion.acceleration + (p.friction.gear_viscous + p.friction.fin_viscous) * speed
+    torque = inertia * motion.acceleration + (p.friction.gear_viscous + hinge_friction(p).viscous) * speed
     damped = p.controller.kd * speed / firmware.count(p) / p.pwm.full  # compensates the firmware's derivative gain
     duty = torque / p.motor.stall_torque + speed / p.motor.no_load_speed + damped
     return Ahead(speed, p.pwm.full * duty), memory, p.drive.transport_delay
@@ -146,7 +147,7 @@ def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     motor = (servo.motor_torque(ops, p, x, u) - torque - u.gear_friction
              - p.friction.gear_viscous * servo.output_speed(p, x))
     fin = (torque + fin_port.hinge_torque(ops, p, x.fin_angle, u) - u.hinge_friction
-           - p.friction.fin_viscous * x.fin_rate)
+           - hinge_friction(p).viscous * x.fin_rate)
     return {"fin_angle": x.fin_rate, "fin_rate": fin / fin_port.hinge_inertia(p), "motor_angle": x.motor_speed,
             "motor_speed": motor / (p.inertia.motor * p.gear.ratio) - u.alpha_y}
 
@@ -181,5 +182,5 @@ ACTUATOR = Actuator(
     transport_delay=fin_port.transport_delay,
     faults=FAULTS,
     reference="emcas_fmu.reference.servo",
-    modules=(sys.modules[__name__], servo, firmware, discontinuities),
+    modules=(sys.modules[__name__], mechanics, servo, firmware, discontinuities),
 )
