@@ -16,7 +16,7 @@ from emcas_fmu.actuators import get
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.physics import coupled
+from emcas_fmu.physics import coupled, kinematics
 from emcas_fmu.reference import clutch as reference
 from tests.marks import slow
 from tests.simulation import acting, simulate
@@ -230,6 +230,28 @@ def test_energy_of_a_stroke(values: Mapping[str, Any]) -> None:
     # Trapezoids at rows of 5 us: 3e-5 J measured, of more than 5 J.
     assert entered == pytest.approx(lost + stored(-1) - stored(0), abs=1e-3)
     assert work["slip"] > 5.0
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("distance", [1e-11, 1e-8, 1e-6, 1e-4])
+def test_screw_just_before_its_stop_comes_to_rest_there(values: Mapping[str, Any], side: float, distance: float
+                                                        ) -> None:
+    """The distance falls slowly at first: a step may pass the stop although the estimated time of this event is later.
+    A screw that went on beyond the stop would be driven by the friction that represents the stop."""
+    p = ACTUATOR.namespace(values)
+    at_stop = float(kinematics.motor_angle(FLOATS, p, side * values["fin.stop_angle"]))
+    u = acting().replace(aero_torque=side * 300.0)
+    for speed in (0.0, 0.04, 0.3):
+        x = Record(**{**ACTUATOR.start(FLOATS, p), "screw_angle": at_stop - side * distance,
+                      "screw_speed": side * speed, "motor_speed": 278.0})
+        # 300 N.m turn the screw by 1e-3 rad in 2 ms.
+        left = 2e-3
+        while left > 1e-12:
+            moved, used = ACTUATOR.step(FLOATS, p, x, u, left)
+            x, left = x.replace(**moved), left - used
+            assert side * x.screw_angle <= side * at_stop * (1.0 + 1e-15)
+        assert (x.screw_angle, x.screw_speed) == (pytest.approx(at_stop, rel=1e-15), 0.0)
+        assert 200.0 < x.motor_speed < 343.0
 
 
 def test_an_unloaded_slew_locks_a_clutch_to_the_bit(values: Mapping[str, Any]) -> None:

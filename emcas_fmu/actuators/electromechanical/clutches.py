@@ -102,8 +102,10 @@ def stopped(ops: Ops, struck: Value, direction: Value, stops: tuple[Value, Value
             motor: Value) -> Values:
     """Return speeds and screw angle at the end of a step; `screw` and `motor` are the speeds [rad/s] without a stop.
 
-    A stop that is `struck` brings the screw to rest at once; the motor keeps its speed, and the clutches slip.
+    A stop that is `struck` brings the screw to rest at once; the motor keeps its speed, and the clutches slip. The
+    screw may also have passed its stop at the end of a step without this event, or of a step to another event.
     """
     low, high = stops
-    return {"screw_speed": ops.where(struck, 0.0, screw), "motor_speed": ops.where(struck, x.motor_speed, motor),
-            "screw_angle": ops.where(struck, ops.where(direction > 0.0, high, low), x.screw_angle)}
+    met = ops.either(struck, stop_margin(ops, direction, stops, x.screw_angle) <= 0.0)
+    return {"screw_speed": ops.where(met, 0.0, screw), "motor_speed": ops.where(met, x.motor_speed, motor),
+            "screw_angle": ops.where(met, ops.where(direction > 0.0, high, low), ops.clip(x.screw_angle, low, high))}

@@ -178,11 +178,7 @@ def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: PlantInputs, m: Record, events: Values) -> Values:
     turning, rotor = clutched_screw.landed(ops, m.motion, (begin.screw_speed, begin.motor_speed),
                                            (x.screw_speed, x.motor_speed), events)
-    # By rounding, a step may end at another event although the screw has just passed its stop.
-    way, (least, most) = m.motion.screw, m.stops
-    beyond = ops.either(ops.both(way > 0.0, x.screw_angle >= most), ops.both(way < 0.0, x.screw_angle <= least))
-    struck = ops.either(events["stop"], beyond)
-    return {**clutches.stopped(ops, struck, way, m.stops, x, turning, rotor),
+    return {**clutches.stopped(ops, events["stop"], m.motion.screw, m.stops, x, turning, rotor),
             "drive_integral": electrical.integral_end(ops, p, m.drive, x)}
 
 
