@@ -169,10 +169,13 @@ class Driven(Actuator):
         """Return the next mode of a drive whose demand has reached the limit on `side`.
 
         In a clipped drive xi is constant and only the current moves the demand; in a free one xi moves it, too. If the
-        demand would return inside when clipped but leave when free, the drive slides along the limit.
+        demand would return inside when clipped but leave when free, the drive slides along the limit. Where the
+        inductive voltage needs the whole supply, both limits are 0: the demand goes from one to the other.
         """
         if self._held_slope(m, around, side) >= 0.0:
             return side
+        if self.limit(m, around) == 0.0:
+            return -side
         return FREE if self._free_slope(m, around, side) <= 0.0 else side * ON_LIMIT
 
     def drive_mode(self, m: Motor, around: Surroundings) -> int:
