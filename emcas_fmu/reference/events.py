@@ -134,6 +134,7 @@ def advance(actuator: Actuator, state: State, mode: Any, around: Any, start: flo
     time, stalls = start, 0
     while time < end:
         events = actuator.events(mode, around)
+        holding = [event for event in events if event(time, state) > 0.0]
         run = solve_ivp(lambda _t, y, mode=mode: actuator.slope(y.tolist(), mode, around), (time, end), state,
                         method="DOP853", events=events, rtol=rtol, atol=rtol * np.array(scales), max_step=max_step)
         if run.status < 0:
@@ -141,7 +142,12 @@ def advance(actuator: Actuator, state: State, mode: Any, around: Any, start: flo
         state, last_time = [float(x) for x in run.y[:, -1]], float(run.t[-1])
         if run.status == 1:  # all events are terminal, so exactly one has fired: the first
             fired = next(event for event, times in zip(events, run.t_events, strict=True) if times.size)
-            mode = actuator.settled(state, fired.changed(state, mode, around), around)
+            # Others at the same time would not fire later: their margins are already below 0.
+            also = [event for event in holding if event(last_time, state) < 0.0
+                    and event.changes.keys().isdisjoint(fired.changes)]
+            for event in (fired, *also):
+                mode = event.changed(state, mode, around)
+            mode = actuator.settled(state, mode, around)
         stalls = 0 if last_time > time else stalls + 1
         if stalls > _MOST_STALLS:
             raise ArithmeticError(f"modes alternate at {time} s without progress, the last is {mode}; a mode must not "
