@@ -144,6 +144,32 @@ def refused_parameters(fmu: Fmu) -> Any:
     return {"findings": findings, "tunable": [status, tunable.step(WARM_UP, 1e-3), message]}
 
 
+def tuned_against_a_rule(fmu: Fmu) -> Any:
+    """Tune a parameter to a value within its limits that breaks a rule, alone and with other values; then mend it."""
+    name, gain = "controller.antiwindup", "controller.position.kp"
+    references = [fmu.references[n] for n in ("fin_command", gain, name)]
+    actions: dict[str, Callable[[Instance], int]] = {
+        "alone": lambda i: i.set(name, 1e4),
+        "with others": lambda i: i.set_reals(references, [-0.3, 20.0, 1e4])}
+    findings = {}
+    for case, tune in actions.items():
+        instance, clean = started(fmu), started(fmu)
+        before = instance.get(name)
+        statuses = [tune(instance), instance.step(WARM_UP, 1e-3)]
+        log = instance.log.copy()
+        kept = [instance.get("fin_command"), instance.get(gain), instance.get(name)]
+        restored = instance.restore(instance.serialize(instance.save()))
+        for key, value in {"fin_command": 0.2, gain: clean.get(gain), name: before}.items():
+            instance.set(key, value)
+        begin = WARM_UP + (1e-3 if statuses[1] == OK else 0.0)
+        statuses.append(instance.run(begin, 0.1, 1e-3))
+        clean.run(WARM_UP, 0.1, 1e-3)
+        findings[case] = {"statuses": statuses, "log": log, "restored": restored,
+                          "kept": kept == [0.2, clean.get(gain), before],
+                          "same": instance.outputs() == clean.outputs()}
+    return findings
+
+
 def state(fmu: Fmu) -> Any:
     """Continue from a state after restoring it in its instance, in a running one and in a new one."""
     instance = started(fmu, friction__temperature=10.0)

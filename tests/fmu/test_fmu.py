@@ -115,6 +115,17 @@ def test_message_names_the_bad_parameter_and_its_value(scenario: Any, backend: s
     assert "controller.position.kp" in found["tunable"][2]
 
 
+def test_parameter_tuned_against_a_rule_is_refused(scenario: Any, backend: str) -> None:
+    message = "controller.antiwindup = 10000 1/s must be at most 1/controller.sample_time = 1000 1/s"
+    for case, found in scenario("tuned_against_a_rule").items():
+        # The Python FMU discards steps until the parameter is mended; a native one refuses the call as a whole.
+        assert found["statuses"] == ([OK, DISCARD, OK] if backend == "python" else [ERROR, OK, OK]), case
+        assert found["log"] == [[found["statuses"][backend == "python"], message]], case
+        assert found["kept"] == (backend != "python"), case
+        assert found["restored"] == OK, case
+        assert found["same"], case
+
+
 def test_temperature_warning_appears_once_and_status_remains_ok(scenario: Any) -> None:
     found = scenario("warned")
     assert set(found["statuses"]) == {OK}

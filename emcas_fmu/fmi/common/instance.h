@@ -291,6 +291,21 @@ static bool settable(const instance *m, size_t index, double value)
     return false;
 }
 
+/* Return whether setting this variable changes a parameter during the run. */
+static bool tunes(const instance *m, size_t index)
+{
+    return index >= PARAMETER_BEGIN && !(m->s.phase & BEFORE_RUN);
+}
+
+/* Return whether the parameters still keep the rules after a call has tuned some; if not, log the broken rules and
+ * restore the values `before` the call. */
+static bool tuned(instance *m, const double *before)
+{
+    if (all_rules_kept(m, false)) return true;
+    memcpy(m->s.values, before, sizeof m->s.values);
+    return false;
+}
+
 static void set_one(instance *m, size_t index, double value)
 {
     m->s.values[index] = value;

@@ -78,11 +78,17 @@ static bool is_a(const instance *m, size_t vr, int kind)
     fmi2Status fmi2Set##Kind(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2##Kind value[]) \
     {                                                                                                           \
         instance *m = c;                                                                                        \
-        bool good = true;                                                                                       \
+        bool good = true, tuning = false;                                                                       \
+        double before[FMU_VARIABLES];                                                                           \
         if (!allowed_with(m, BEFORE_END, n, vr, value, __func__)) return fmi2Error;                             \
-        for (size_t i = 0; i < n; ++i) good &= is_a(m, vr[i], kind) && settable(m, vr[i], as_number(value[i])); \
-        for (size_t i = 0; good && i < n; ++i) set_one(m, vr[i], as_number(value[i]));                          \
-        return good ? fmi2OK : fmi2Error;                                                                       \
+        for (size_t i = 0; i < n; ++i) {                                                                        \
+            good &= is_a(m, vr[i], kind) && settable(m, vr[i], as_number(value[i]));                            \
+            tuning |= tunes(m, vr[i]);                                                                          \
+        }                                                                                                       \
+        if (!good) return fmi2Error;                                                                            \
+        if (tuning) memcpy(before, m->s.values, sizeof before);                                                 \
+        for (size_t i = 0; i < n; ++i) set_one(m, vr[i], as_number(value[i]));                                  \
+        return !tuning || tuned(m, before) ? fmi2OK : fmi2Error;                                                \
     }
 
 DEFINE_ACCESS(Real, REAL, (double))

@@ -105,12 +105,18 @@ static bool may_be_set(const instance *m, size_t vr, size_t element, double valu
                              size_t count)                                                                         \
     {                                                                                                             \
         instance *m = c;                                                                                          \
-        bool good = true;                                                                                         \
+        bool good = true, tuning = false;                                                                         \
+        double before[FMU_VARIABLES];                                                                             \
         if (!are_of(m, BEFORE_END, type, vr, n, value, count, __func__)) return fmi3Error;                        \
-        EACH_ELEMENT good &= may_be_set(m, vr[i], e, (double)value[k]);                                           \
+        EACH_ELEMENT                                                                                              \
+        {                                                                                                         \
+            good &= may_be_set(m, vr[i], e, (double)value[k]);                                                    \
+            tuning |= tunes(m, scalar_index(&ARRAY[vr[i]], e));                                                   \
+        }                                                                                                         \
         if (!good) return fmi3Error;                                                                              \
+        if (tuning) memcpy(before, m->s.values, sizeof before);                                                   \
         EACH_ELEMENT set_one(m, scalar_index(&ARRAY[vr[i]], e), (double)value[k]);                                \
-        return fmi3OK;                                                                                            \
+        return !tuning || tuned(m, before) ? fmi3OK : fmi3Error;                                                  \
     }
 
 DEFINE_ACCESS(Float64, FLOAT64)
