@@ -270,7 +270,10 @@ static void refresh(instance *m)
             m->s.values[vr] = VARIABLE[vr].kind == REAL ? NAN : 0.0;
         return;
     }
-    if (before || m->unprepared) prepare(m);
+    if (before || m->unprepared) {
+        prepare(m);
+        m->unprepared = 1; /* the next step logs warnings */
+    }
     if (before) multi_fin_start(&m->fins, &m->s.fins);
     update_motion_loads_now(m);
     acting_now(m, now);
