@@ -131,6 +131,20 @@ def test_on_a_stiff_bus_the_fins_equal_four_single_fmus(start: Any, one: Fmu) ->
     assert unit.get("supply_power") == pytest.approx(sum(s.get("supply_power") for s in singles), rel=1e-12)
 
 
+def test_outputs_after_ramps_are_those_of_the_restored_state(start: Any) -> None:
+    """Mixed commands and the bus ramp to within rounding of the inputs at the ends of the ramps."""
+    unit, restored = start(**{RESISTANCE: 0.02}), start()
+    set_commands(unit, 0.1)
+    rng = np.random.default_rng(1)
+    for k in range(30):
+        for name in ("roll_command", "pitch_command", "fin[1].fin_command", "fin[3].fin_command", "supply_voltage"):
+            assert unit.differentiate(name, 1, rng.uniform(-1.0, 1.0)) == OK
+        assert unit.step(k * 1.7e-3, 1.7e-3) == OK
+        outputs = unit.outputs()
+        assert restored.restore(unit.serialize(unit.save())) == OK
+        assert restored.outputs() == outputs
+
+
 @pytest.mark.parametrize(("mixing", "signs"), [
     # In a positive roll the right side goes down: the lift and the leading edges of the right fins point down.
     ("roll_command", (-1, -1, -1, -1)),
