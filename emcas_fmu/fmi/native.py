@@ -35,7 +35,8 @@ def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, 
     """Return interface.h: variables, start values, the FMU's name and GUID; `code` is a hash of the other sources."""
     rows = ",\n".join(
         f"    {{{c_text(interface.spelt(v.name))}, {'INTEGER' if v.items else v.kind.upper()}, "
-        f"{int(v.variability == 'tunable')}, {c_number(v.minimum)}, {c_number(v.maximum)}}}"
+        f"{int(v.variability == 'tunable')}, {int(v.name in interface.actuator.hidden)}, {c_number(v.minimum)}, "
+        f"{c_number(v.maximum)}}}"
         for v in interface.variables)
     values = ",\n".join(f"    {c_number(start)}" for start in starts)
     categories = ", ".join(c_text(name) for name in Fmi2Slave.log_categories)
@@ -56,7 +57,8 @@ def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, 
         "enum { REAL, INTEGER, BOOLEAN };\n"
         'static const char *const KIND[] = {"Real", "Integer", "Boolean"};\n'
         f"{formats}static const char NO_SUPPLY[] = {c_text(f'{supply.input.name} = 0' if supply else '')};\n\n"
-        "typedef struct {\n    const char *name;\n    int kind, tunable;\n    double minimum, maximum;\n} variable;\n\n"
+        "typedef struct {\n    const char *name;\n    int kind, tunable, hidden;\n    double minimum, maximum;\n"
+        "} variable;\n\n"
         f"static const variable VARIABLE[FMU_VARIABLES] = {{\n{rows}\n}};\n\n"
         f"static const double START[FMU_VARIABLES] = {{\n{values}\n}};\n{arrays}")
 

@@ -22,7 +22,8 @@ from emcas_fmu.cli import app
 from emcas_fmu.parameters import load_parameters
 from tests.extensions.test_torque import PARTS, coupled, restoring, steps
 
-from .built import lean
+from .built import lean, unpacked
+from .host import ERROR, OK, Instance
 
 pytestmark = pytest.mark.fmu
 STEP, STOP = 7e-4, 0.21  # s; the step does not divide the sample time
@@ -80,6 +81,26 @@ def expected() -> NDArray[np.float64]:
     """Torque and angle with the core in this process."""
     return np.array([(out["actuator_torque"], host.angle) for _, host, out in coupled(
         NONLINEAR, STOP, restoring, h=STEP, fin_command=steps)])
+
+
+@pytest.mark.parametrize("name", ["python", "native"])
+def test_references_without_a_variable_are_refused(name: str, files: Mapping[str, Path], tmp_path: Path) -> None:
+    """The core's inputs that the host does not see keep their references, but are no variables of the FMU."""
+    fmu = unpacked(files[name], tmp_path)
+    unit, clean = Instance(fmu), Instance(fmu)
+    assert max(*unit.initialize(), *clean.initialize()) == OK
+    unseen = set(range(max(fmu.references.values()))) - set(fmu.references.values())
+    assert len(unseen) == 14  # torque, vehicle's motion, begin of the step
+    for reference in unseen:
+        unit.log.clear()
+        statuses = unit.set_vr("Real", reference, np.nan), unit.get_vr("Real", [reference])[0]
+        assert statuses == ((OK, OK) if name == "python" else (ERROR, ERROR))  # the wrapper can refuse only steps
+        assert [f"no Real variable has value reference {reference}"] * 2 == [message for _, message in unit.log]
+    if name == "native":
+        fmu.references["unseen"] = min(unseen)
+        assert unit.differentiate("unseen", 1, 1.0) == ERROR
+    assert max(each.run(0.0, 0.02, 1e-3, fin_command=0.2) for each in (unit, clean)) == OK
+    assert unit.outputs() == clean.outputs()
 
 
 @pytest.mark.parametrize("name", ["python", "native", "3"])

@@ -31,6 +31,7 @@ class DeclaredSlave(ReportingSlave):
     outputs: ClassVar[range]
     parameters: ClassVar[range]
     motion: ClassVar[slice]
+    hidden: ClassVar[tuple[int, ...]]  # indices of inputs that the model description does not have
     fmu_guid: ClassVar[str]
     sizes: ClassVar[Sizes]  # of a core
     no_supply: ClassVar[str]  # "supply_voltage = 0"; empty without a supply
@@ -51,7 +52,7 @@ class DeclaredSlave(ReportingSlave):
         super().__init_subclass__(**kwargs)
         if not hasattr(cls, "rows"):  # a base of the generated class
             return
-        cls._kinds = {kind: frozenset(i for i, r in enumerate(cls.rows) if r[1] == kind)
+        cls._kinds = {kind: frozenset(i for i, r in enumerate(cls.rows) if r[1] == kind) - set(cls.hidden)
                       for kind in ("Real", "Integer", "Boolean", "String")}
         cls._output_slice = slice(cls.outputs.start, cls.outputs.stop)
         cls._several = len(cls.fin_inputs) > 1

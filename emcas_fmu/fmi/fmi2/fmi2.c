@@ -55,7 +55,7 @@ static void release(const host_services *host, void *block)
 
 static bool is_a(const instance *m, size_t vr, int kind)
 {
-    if (vr < FMU_VARIABLES && VARIABLE[vr].kind == kind) return true;
+    if (vr < FMU_VARIABLES && VARIABLE[vr].kind == kind && !VARIABLE[vr].hidden) return true;
     report(m, fmi2Error, "no %s variable has value reference %u", KIND[kind], (unsigned)vr);
     return false;
 }
@@ -112,7 +112,7 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
     if (!allowed_with(m, BEFORE_END, n, vr, value, __func__)) return fmi2Error;
     if (!allowed_with(m, BEFORE_END, n, order, order, __func__)) return fmi2Error;
     for (size_t i = 0; i < n; ++i) {
-        if (vr[i] >= OUTPUT_BEGIN || VARIABLE[vr[i]].kind != REAL || VARIABLE[vr[i]].tunable)
+        if (vr[i] >= OUTPUT_BEGIN || VARIABLE[vr[i]].kind != REAL || VARIABLE[vr[i]].tunable || VARIABLE[vr[i]].hidden)
             return report(m, fmi2Error, "no Real input has value reference %u", (unsigned)vr[i]);
         if (order[i] != 1)
             return report(m, fmi2Error, "derivative of order %d of %s: only order 1 is used", (int)order[i],
