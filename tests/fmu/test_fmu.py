@@ -149,6 +149,10 @@ def test_restored_state_continues_with_the_same_bits(scenario: Any) -> None:
         "restored": True, "transplanted": True, "fresh": True, "inside tick": True, "moved": True}
 
 
+def test_a_wrong_call_refuses_one_step_although_the_state_is_restored(scenario: Any, backend: str) -> None:
+    assert scenario("rolled_back") == {"statuses": [DISCARD, OK] if backend == "python" else [OK], "same": True}
+
+
 def test_corrupt_state_is_refused(scenario: Any) -> None:
     found = scenario("corrupt_state")
     assert found["refused"] == found["damaged"] > 100

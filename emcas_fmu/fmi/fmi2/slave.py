@@ -252,9 +252,10 @@ class Slave(DeclaredSlave):
         return list(map(int, self._get("Integer", 0, vrs)))
 
     def _get_fmu_state(self) -> Any:
+        """Return the state. It is without misuse, for which one step is refused: not again after a host's rollback."""
         core = None if self._core is None else self._core.state
-        return (self._start, self._now, self._phase, self._misuse, self._refusal, self._changed,
-                tuple(self._values), self._bound, core, self._stop)
+        return (self._start, self._now, self._phase, self._refusal, self._changed, tuple(self._values), self._bound,
+                core, self._stop)
 
     def _set_fmu_state(self, state: Any) -> None:
         if isinstance(state, str):  # the reason why the bytes contain no state
@@ -263,7 +264,7 @@ class Slave(DeclaredSlave):
             self._guard(lambda: self._restore(self._checked(state) if isinstance(state, StoredState) else state))
 
     def _restore(self, state: Any) -> None:
-        start, now, phase, misuse, refusal, changed, values, bound, core_state, stop = state
+        start, now, phase, refusal, changed, values, bound, core_state, stop = state
         core = self._core
         if core_state is None:
             core = None
@@ -271,8 +272,8 @@ class Slave(DeclaredSlave):
             parameters = {self.rows[i][0]: v for i, v in zip(self.parameters, bound, strict=True)}
             core = self._new_core(parameters)
         self._start, self._stop, self._now, self._phase = start, stop, now, phase
-        self._misuse, self._refusal = misuse, refusal
-        self._changed, self._values, self._bound, self._core = changed, list(values), bound, core
+        self._refusal, self._changed, self._values = refusal, changed, list(values)
+        self._bound, self._core = bound, core
         if core is not None:
             core.state = core_state
         self._ready = False
@@ -282,18 +283,18 @@ class Slave(DeclaredSlave):
         """Return a stored state, or raise RefusedError if it cannot be one of this FMU, as `unsound` in states.h."""
         if len(state) != len(self._get_fmu_state()):
             raise RefusedError("FMU state refused: wrong number of values")
-        start, now, phase, misuse, refusal, changed, values, bound, core_state, stop = state
+        start, now, phase, refusal, changed, values, bound, core_state, stop = state
         parameters = [self.rows[i] for i in self.parameters]
         if phase not in (*_BEFORE_RUN, "running", "terminated"):
             problem = "unknown phase"
         elif not (finite(start) and finite(now) and now >= 0.0 and isinstance(stop, float | int) and stop >= start):
             problem = "impossible time"
-        elif not (is_text(misuse) and is_text(refusal) and isinstance(changed, bool)):
+        elif not (is_text(refusal) and isinstance(changed, bool)):
             problem = "impossible text of a refusal"
         elif wrong := wrong_variable(values, self.rows):
             problem = wrong
         elif phase in _BEFORE_RUN:  # the core will be restarted
-            return start, 0.0, phase, misuse, refusal, True, values, (), None, stop
+            return start, 0.0, phase, refusal, True, values, (), None, stop
         elif core_state is None:
             problem = "" if bound == () and (refusal or phase == "terminated") else "its core is missing"
         elif wrong := wrong_variable(bound, parameters):
