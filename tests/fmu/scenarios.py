@@ -429,6 +429,29 @@ def dry_instance(fmu: Fmu) -> Any:
     return {"before": before, "during": during, "after": instance.outputs()}
 
 
+def wrong_input_before_the_run(fmu: Fmu) -> Any:
+    """Set an input to NaN during initialization, read before and after its end, then mend the input and step."""
+    findings = {}
+    for name in ("read", "not read"):
+        instance, clean = Instance(fmu), Instance(fmu)
+        for each in (instance, clean):
+            each.setup()
+            each.enter()
+        instance.get("fin_angle")
+        for each in (instance, clean):
+            each.set("fin.start_angle", 0.1)
+        instance.set("fin_command", math.nan)
+        outputs = [instance.outputs()] if name == "read" else []
+        statuses = [each.call("ExitInitializationMode") for each in (instance, clean)]
+        outputs.append(instance.outputs())
+        statuses.append(instance.step(0.0, 1e-3))
+        for each in (instance, clean):
+            statuses += [each.set("fin_command", 0.2), each.step(0.0, 1e-3)]
+        findings[name] = {"statuses": statuses, "same": instance.outputs() == clean.outputs(), "without": all(
+            math.isnan(values["fin_angle"]) and math.isnan(values["motor_current"]) for values in outputs)}
+    return findings
+
+
 def other_guid(fmu: Fmu) -> Any:
     """Instantiate with another FMU's GUID, without a name, and as another kind of instance."""
     instances = {"guid": Instance(fmu, guid="{00000000-0000-0000-0000-000000000000}"), "name": Instance(fmu, name=""),

@@ -225,6 +225,11 @@ def test_outputs_follow_start_values(scenario: Any) -> None:
     assert found["after"] == found["during"]
 
 
+def test_outputs_before_the_run_are_nan_if_an_input_is(scenario: Any, backend: str) -> None:
+    for name, found in scenario("wrong_input_before_the_run").items():
+        assert found == {"statuses": [OK, OK, REFUSED[backend], *[OK] * 4], "same": True, "without": True}, name
+
+
 @only_native
 def test_wrong_guid_name_or_kind_is_not_instantiated(scenario: Any, backend: str) -> None:
     found = scenario("other_guid")

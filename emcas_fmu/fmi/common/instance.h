@@ -258,14 +258,16 @@ static void update_motion_loads_now(instance *m)
     m->moved = 0;
 }
 
-/* Update the outputs, unless an input is not finite; the next step refuses such an input. */
+/* Update the outputs. An input that is not finite, which the next step refuses, leaves them unchanged during the run;
+ * before it, outputs that cannot be computed are NaN, 0 or false. */
 static void refresh(instance *m)
 {
     const bool before = m->s.phase & BEFORE_RUN;
     core_inputs now[FINS];
     m->s.fresh = 1;
-    if (!core_all_finite(m->s.values, FMU_INPUTS)) return;
-    if (before && !sound_unlogged(m)) {
+    const bool finite = core_all_finite(m->s.values, FMU_INPUTS);
+    if (!finite && !before) return;
+    if (before && (!finite || !sound_unlogged(m))) {
         for (size_t vr = OUTPUT_BEGIN; vr < PARAMETER_BEGIN; ++vr)
             m->s.values[vr] = VARIABLE[vr].kind == REAL ? NAN : 0.0;
         return;

@@ -60,6 +60,7 @@ FMI(Status) FMI(ExitInitializationMode)(void *c)
 {
     instance *m = c;
     if (!allowed(m, INITIALIZING, __func__) || !sound(m)) return FMI(Error);
+    if (!m->s.fresh) refresh(m); /* outputs for the case that an input is not finite */
     prepare(m);
     if (fabs(m->s.start) > m->fins.latest) return report(m, FMI(Error), TOO_LATE, m->s.start, m->fins.latest);
     all_rules_kept(m, true);

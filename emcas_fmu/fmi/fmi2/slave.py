@@ -74,6 +74,8 @@ class Slave(DeclaredSlave):
                 self._log(f"initialization refused: {problem}")
             self._say(f"initialization refused: {self._refusal}")
             return
+        if not self._finite(self._core_inputs(self._core)):
+            self._clear_outputs()
         self._warn()
 
     def do_step(self, current_time: float, step_size: float) -> bool:
@@ -203,15 +205,24 @@ class Slave(DeclaredSlave):
             return [missing] * len(vrs)
 
     def _refresh(self) -> None:
-        """Update the outputs in `_values`; outputs that cannot be computed are NaN, 0 or false."""
+        """Update the outputs in `_values`.
+
+        An input that is not finite, which the next step refuses, leaves them unchanged during the run; before it,
+        outputs that cannot be computed are NaN, 0 or false.
+        """
         core = self._core
         if self._phase in _BEFORE_RUN:
             core = None if self._parameter_problems() else self._bind(anew=True)
         if core is None or self._refusal:
-            self._values[self._output_slice] = [nan if self.rows[i][1] == "Real" else 0 for i in self.outputs]
+            self._clear_outputs()
         elif self._finite(inputs := self._cached_inputs or self._core_inputs(core)):
             self._values[self._output_slice] = core.outputs(inputs)
-        self._fresh = True  # inputs that are not finite, which the next step will refuse, change no output
+        elif self._phase in _BEFORE_RUN:
+            self._clear_outputs()
+        self._fresh = True
+
+    def _clear_outputs(self) -> None:
+        self._values[self._output_slice] = [nan if self.rows[i][1] == "Real" else 0 for i in self.outputs]
 
     def _set(self, kind: str, vrs: Sequence[int], values: Sequence[Any]) -> None:
         try:
