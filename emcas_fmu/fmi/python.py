@@ -41,6 +41,7 @@ def slave_attributes(interface: FmuInterface, starts: tuple[Any, ...], guid: str
     return {"rows": rows, "start_values": starts, "fmu_guid": guid,
             "inputs": range(first), "outputs": range(first, end), "parameters": range(end, len(rows)),
             "motion": slice(motion, motion + len(VEHICLE)),
+            "held": tuple(i for i, v in enumerate(interface.inputs) if v.causality == "parameter"),
             "hidden": tuple(interface.reference[name] for name in sorted(actuator.hidden)),
             "rules": tuple((interface.respelt(rule.message), rule.scanned, rule.warning)
                            for rule in actuator.all_rules),

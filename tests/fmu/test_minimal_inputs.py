@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 
 from .built import lean, unpacked
-from .host import ERROR, OK, Instance
+from .host import DISCARD, ERROR, OK, Instance
 
 pytestmark = pytest.mark.fmu
 
@@ -45,6 +46,25 @@ def test_only_inputs_have_derivatives(tmp_path: Path) -> None:
     assert max(unit.initialize()) == OK
     assert unit.differentiate("aero_torque", 1, 1.0) == OK
     assert unit.differentiate("supply_voltage", 1, 1.0) == ERROR
+
+
+@pytest.mark.parametrize(("backend", "refused"), [("native", ERROR), ("python", DISCARD)])
+def test_the_other_inputs_have_limits_as_parameters(tmp_path: Path, backend: str, refused: int) -> None:
+    fmu = unpacked(lean(load_parameters(), tmp_path / "x.fmu", backend, inputs="minimal"), tmp_path)
+    for name, bad, message in (("supply_voltage", -5.0, "supply_voltage = -5 is below its minimum 0"),
+                               ("acceleration.x", nan, "acceleration.x = nan is not a finite number")):
+        unit, clean = Instance(fmu), Instance(fmu)
+        assert max(*unit.initialize(), *clean.initialize()) == OK
+        good = unit.get(name)
+        assert max(unit.set(name, bad), unit.step(0.0, 1e-3)) == refused
+        assert message in unit.log[0][1]
+        time = 1e-3 if backend == "native" else 0.0  # a native FMU refuses the call, the Python FMU the step
+        assert unit.set(name, good) == OK
+        assert {unit.run(time, 0.02, 1e-3), clean.run(0.0, 0.02, 1e-3)} == {OK}
+        assert unit.outputs() == clean.outputs()
+        before = Instance(fmu)
+        assert max(*before.initialize(**{name.replace(".", "__"): bad}), before.step(0.0, 1e-3)) == refused
+        assert message in before.log[0][1]
 
 
 @pytest.mark.parametrize(("options", "message"), [

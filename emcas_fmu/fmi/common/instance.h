@@ -209,7 +209,8 @@ static bool all_rules_kept(instance *m, bool warnings)
 static bool sound(instance *m)
 {
     bool good = true;
-    for (size_t vr = PARAMETER_BEGIN; vr < FMU_VARIABLES; ++vr) good &= !out_of_range(m, vr, m->s.values[vr]);
+    for (size_t vr = 0; vr < FMU_VARIABLES; ++vr)
+        if (vr >= PARAMETER_BEGIN || VARIABLE[vr].tunable) good &= !out_of_range(m, vr, m->s.values[vr]);
     return good && all_rules_kept(m, false);
 }
 
@@ -287,7 +288,7 @@ static bool settable(const instance *m, size_t index, double value)
 {
     if (index >= OUTPUT_BEGIN && index < PARAMETER_BEGIN)
         report(m, FMI(Error), "%s is an output and cannot be set", VARIABLE[index].name);
-    else if (index < OUTPUT_BEGIN || (m->s.phase & BEFORE_RUN))
+    else if ((index < OUTPUT_BEGIN && !VARIABLE[index].tunable) || (m->s.phase & BEFORE_RUN))
         return true;
     else if (!VARIABLE[index].tunable)
         report(m, FMI(Error), "%s is fixed and cannot be set after initialization", VARIABLE[index].name);

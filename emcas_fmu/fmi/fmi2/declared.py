@@ -31,6 +31,7 @@ class DeclaredSlave(ReportingSlave):
     outputs: ClassVar[range]
     parameters: ClassVar[range]
     motion: ClassVar[slice]
+    held: ClassVar[tuple[int, ...]]  # indices of inputs that are parameters of the FMU
     hidden: ClassVar[tuple[int, ...]]  # indices of inputs that the model description does not have
     fmu_guid: ClassVar[str]
     sizes: ClassVar[Sizes]  # of a core
@@ -110,5 +111,7 @@ class DeclaredSlave(ReportingSlave):
 
     def _parameter_problems(self, values: Mapping[str, Any] | None = None) -> list[str]:
         values = self._parameter_values() if values is None else values
-        limits = ((r[0], r[3], r[4]) for r in (self.rows[i] for i in self.parameters) if r[1] != "Boolean")
-        return check_ranges(values, limits) or list(self._broken_rules(values).values())
+        limits = ((r[0], r[3], r[4]) for r in (self.rows[i] for i in (*self.held, *self.parameters))
+                  if r[1] != "Boolean")
+        held = {self.rows[i][0]: self._values[i] for i in self.held}
+        return check_ranges({**held, **values}, limits) or list(self._broken_rules(values).values())

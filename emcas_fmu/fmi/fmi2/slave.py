@@ -230,7 +230,7 @@ class Slave(DeclaredSlave):
             self._fresh = False
             references = self._kinds[kind]
             for vr, value in zip(vrs, values, strict=False):
-                if vr in self.inputs and vr in references:
+                if vr in self.inputs and vr in references and vr not in self.held:
                     self._values[vr] = value
                 else:
                     self._set_other(kind, vr, value)
