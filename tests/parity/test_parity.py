@@ -16,12 +16,14 @@ from hypothesis import strategies as st
 from emcas_fmu.actuators import fin_port
 from emcas_fmu.fmi.fmi2.slave import Slave
 from emcas_fmu.fmi.interface import FmuInterface
+from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.reference.stored import load
 from emcas_fmu.support.files import models_directory
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
 from tests.marks import others_slow
 
+from ..fmu.built import lean, unpacked
 from ..fmu.built import slave_class as build_slave_class
 from ..fmu.host import OK, Fmu, Instance
 from ..simulation import ramped_core
@@ -144,6 +146,33 @@ def test_both_fmus_agree_on_any_calls(library: Fmu, slave_class: type[Slave], ch
                 python._set_fmu_state(saved[0])
                 assert native.call("SetFMUstate", saved[1]) == OK
                 time = saved[2]
+    native.free()
+
+
+def test_outputs_follow_a_tuned_parameter_before_the_next_step(tmp_path: Path) -> None:
+    """An open phase whose angle is tuned changes voltage and torque at once in both FMUs."""
+    parameters = load_parameters(model="nonlinear+faults")
+    interface = FmuInterface(1, parameters.model)
+    native = Instance(unpacked(lean(parameters, tmp_path / "x.fmu"), tmp_path))
+    python = build_slave_class(interface, [parameters.values])(instance_name="fin")
+    python.setup_experiment(0.0)
+    python.enter_initialization_mode()
+    python.exit_initialization_mode()
+    assert max(native.initialize()) == OK
+    real = [interface.reference[v.name] for v in interface.outputs if v.kind == "Real"]
+
+    def both(kind: str, name: str, value: Any) -> None:
+        assert native.set(name, value) == OK
+        getattr(python, f"set_{kind}")([interface.reference[name]], [value])
+
+    both("real", "fin_command", 0.2)
+    both("boolean", "fault.phase_loss.active", True)
+    for k in range(20):
+        assert python.do_step(k * 1e-3, 1e-3)
+        assert native.step(k * 1e-3, 1e-3) == OK
+    before = python.get_real(real)
+    both("real", "fault.phase_loss.angle", 0.15)
+    assert python.get_real(real) == native.get_vr("Real", real)[1] != before
     native.free()
 
 

@@ -213,6 +213,9 @@ class Slave(DeclaredSlave):
         core = self._core
         if self._phase in _BEFORE_RUN:
             core = None if self._parameter_problems() else self._bind(anew=True)
+        elif core is not None and self._changed and not self._parameter_problems():
+            core = self._bind(anew=False)
+            self._changed = True  # the next step logs warnings
         if core is None or self._refusal:
             self._clear_outputs()
         elif self._finite(inputs := self._cached_inputs or self._core_inputs(core)):
