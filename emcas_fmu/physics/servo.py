@@ -2,15 +2,15 @@
 
     T_m = T_s (V/V_n - w/w_0)          i = T_s w_0/V_n (V/V_n - w/w_0)
     T   = k a' + b da/dt               a = motor angle/N - fin angle, a' the part of a beyond the play
-    C   = (C_0 + T_l (m + c T_l/T_s)) (1 + s exp(-|w|/w_s))          T_l = (|T_m| + |T|)/2
+    C   = (C_0 + T_l (m + c min(T_l/T_s, 1))) (1 + s exp(-|w|/w_s))          T_l = (|T_m| + |T|)/2
 
 T_s and w_0 are the stall torque and the no-load speed of the output at the voltage V_n without the gear's friction: a
 DC motor without inductance, whose constants and resistance follow from them (K_t = K_e = V_n/w_0, R = V_n^2/(T_s w_0)).
 b acts only in contact. `motor.asymmetry` is the share of T_m that is lost in one direction of the voltage, since
-brushes are off their neutral position.
+brushes are off their neutral position; a motor that brakes loses nothing, or it would generate energy.
 
 C is the dry friction of the gear. It grows with T_l, the mean of the torques at motor and output; m is the share of T_l
-that is lost under a small torque, m + c the share under the stall torque. Duclusaud et al., "Extended friction models
+that is lost under a small torque, m + c the share under the stall torque and above. Duclusaud et al., "Extended friction models
 for the physics simulation of servo actuators" (2024), have friction that depends on load, with a Stribeck curve, but
 with coefficients for either end and another quadratic term.
 """
@@ -47,9 +47,9 @@ def voltage(ops: Ops, p: Any, x: Record, u: Record) -> Value:
 
 def motor_torque(ops: Ops, p: Any, x: Record, u: Record) -> Value:
     """Return the motor's torque [N.m] at the output shaft; `u.reference` is the duty cycle."""
-    asymmetry = p.motor.asymmetry
-    weaker = asymmetry * u.reference < 0.0
-    return p.motor.stall_torque * _excess(ops, p, x, u) * ops.where(weaker, 1.0 - ops.fabs(asymmetry), 1.0)
+    asymmetry, excess = p.motor.asymmetry, _excess(ops, p, x, u)
+    weaker = ops.both(asymmetry * u.reference < 0.0, excess * u.reference > 0.0)
+    return p.motor.stall_torque * excess * ops.where(weaker, 1.0 - ops.fabs(asymmetry), 1.0)
 
 
 def windup(ops: Ops, p: Any, x: Record, u: Record) -> Value:
@@ -71,5 +71,5 @@ def gear_friction(ops: Ops, p: Any, x: Record, u: Record) -> Value:
     """Return the dry friction [N.m] of the gear at the output shaft."""
     f = p.friction
     load = 0.5 * (ops.fabs(motor_torque(ops, p, x, u)) + ops.fabs(gear_torque(ops, p, x, u)))
-    dry = f.gear + load * (f.gear_load + f.gear_load_rise * load / p.motor.stall_torque)
+    dry = f.gear + load * (f.gear_load + f.gear_load_rise * ops.minimum(load / p.motor.stall_torque, 1.0))
     return dry * (1.0 + f.stribeck_share * ops.exp(-ops.fabs(output_speed(p, x)) / f.stribeck_speed))

@@ -85,9 +85,9 @@ class Servo(Actuator):
             return 0.0
         p, duty = self.p, around.reference
         lost = p["motor.asymmetry"]
-        share = 1.0 - abs(lost) if sign(lost) * sign(duty) < 0 else 1.0
-        return share * p["motor.stall_torque"] * (duty * around.supply / p["motor.nominal_voltage"]
-                                                  - y[SPEED] / self.ratio / p["motor.no_load_speed"])
+        excess = duty * around.supply / p["motor.nominal_voltage"] - y[SPEED] / self.ratio / p["motor.no_load_speed"]
+        share = 1.0 - abs(lost) if sign(lost) * sign(duty) < 0 < sign(duty) * excess else 1.0
+        return share * p["motor.stall_torque"] * excess
 
     def transmitted(self, y: State, contact: int) -> float:
         """Return the torque from the gear to the fin [N.m]."""
@@ -101,7 +101,7 @@ class Servo(Actuator):
         """Return the dry friction of the gear, referred to the output [N.m]."""
         p = self.p
         mean = (abs(self.driven(y, around)) + abs(self.transmitted(y, contact))) / 2.0
-        share = p["friction.gear_load"] + p["friction.gear_load_rise"] * mean / p["motor.stall_torque"]
+        share = p["friction.gear_load"] + p["friction.gear_load_rise"] * min(mean / p["motor.stall_torque"], 1.0)
         slow: float = math.exp(-abs(y[SPEED]) / self.ratio / p["friction.stribeck_speed"])
         return (p["friction.gear"] + share * mean) * (1.0 + p["friction.stribeck_share"] * slow)
 

@@ -101,6 +101,25 @@ def test_load_gets_no_more_energy_than_the_supply_provides() -> None:
         assert np.trapezoid(run["supply_power"] + run["hinge_torque"] * run["fin_rate"], run["time"]) > 0.0
 
 
+@pytest.mark.parametrize("asymmetry", [0.0, 0.5, -0.5])
+def test_an_overdriven_motor_returns_no_more_power_than_the_load_provides(asymmetry: float) -> None:
+    """An aiding load drives the motor faster than without load; the motor brakes and generates."""
+    run = run_of({**WITHOUT_FRICTION, "motor.asymmetry": asymmetry, "fin.stop_angle": 3.0, "command.limit": 3.0}, 0.3,
+                 fin_command=2.5, aero_torque=lambda t: 2.0 if t > 0.1 else 0.0)
+    steady = (run["time"] > 0.12) & (run["time"] < 0.2)
+    load, supply = (run["hinge_torque"] * run["fin_rate"])[steady].mean(), run["supply_power"][steady].mean()
+    assert supply < 0.0 < load + supply
+
+
+def test_friction_does_not_lock_the_gear_under_loads_beyond_the_stall_torque() -> None:
+    """The share of the friction rises up to the stall torque; extrapolated, it would exceed the torque."""
+    values = load_parameters("xl330", model="servo").values
+    moved = [simulate(values, 0.5, model="servo", fin_command=0.0, aero_torque=factor * values["motor.stall_torque"]
+                      )["fin_angle"][-1] for factor in (2.0, 4.0, 8.0)]
+    assert moved == sorted(moved)
+    assert moved[0] > 0.1
+
+
 def test_the_weaker_direction_has_less_torque() -> None:
     blocked = {**WITHOUT_FRICTION, "friction.fin_coulomb": 40.0, "controller.kp": 1e4, "controller.kd": 0.0,
                "motor.asymmetry": 0.2}
