@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from math import floor, log10, nan
 from pathlib import Path
@@ -20,7 +21,8 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.tuning import optimise
 from emcas_fmu.studies.tuning.evaluate import Evaluation, Journal, Judgement, evaluate, share
 from emcas_fmu.studies.tuning.optimise import Result, rounded, tune
-from emcas_fmu.studies.tuning.output import objectives, rows, verdict, write_json, write_report, write_tuned
+from emcas_fmu.studies.tuning.output import objectives, rows, summary, verdict, write_json, write_report, write_tuned
+from emcas_fmu.studies.tuning.pictures import trade
 from emcas_fmu.studies.tuning.study import Study, load_study
 from tests.marks import slow
 from tests.own_actuator.example import MODEL
@@ -229,15 +231,31 @@ def test_figure_shown_equal_to_its_limit_meets_it(off: float, tmp_path: Path) ->
     assert share not in ("−0 %", "-0 %")
     if not row["met"]:
         assert f"has a margin of {share}" in verdict(result)
-        assert "no gains were found that meet settling" in verdict(result)
+        assert "the returned gains miss settling" in verdict(result)
 
 
-@pytest.mark.parametrize(("off", "words"), [
-    (0.3, "has a margin of −30 %;"), (1.5e6, "has a margin of −900 % or less;")])
-def test_margin_far_beyond_the_limit_is_shown_as_a_bound(off: float, words: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("off", "margin", "objective"), [
+    (0.3, "−30 %", "1.3"), (1.5e6, "−900 % or less", "10 or more")])
+def test_margin_and_objective_far_beyond_the_limit_are_shown_as_bounds(off: float, margin: str, objective: str,
+                                                                       tmp_path: Path) -> None:
     study = study_of("nonlinear", PAIR[:1], tmp_path, {})
-    result, _, _ = shown(study, study.requirements[0].limit * (1.0 + off), tmp_path)
-    assert words in verdict(result)
+    result, page, _ = shown(study, study.requirements[0].limit * (1.0 + off), tmp_path)
+    assert f"has a margin of {margin};" in verdict(result)
+    assert f"<td class=\"n\">{margin}</td>" in page
+    assert margin in list(summary(result).columns[4].cells)
+    assert objectives(result) == f"objective: {objective} initial, {objective} returned"
+    result = replace(result, nearby=result.best.objective)
+    nearby = objective if off > 1.0 else f"at most {objective}"
+    assert f"; {nearby} if the third digit" in objectives(result)
+
+
+@pytest.mark.drawn
+def test_axes_of_the_trade_off_are_shares(tmp_path: Path) -> None:
+    """The share of a minimum is its reciprocal: measured/limit would be met above 1."""
+    study = study_of("nonlinear", PAIR[:1], tmp_path, {})
+    result, _, _ = shown(study, study.requirements[0].limit, tmp_path)
+    (axes,) = trade(result, "settling", "rise", -1.0).figure.axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("share of settling", "share of rise")
 
 
 @pytest.mark.drawn

@@ -27,7 +27,7 @@ from ...errors import EmcasError
 from ...parameters import ParameterSet
 from ...runtime import library
 from ...support.progress import Progress, silent, uninterrupted
-from .evaluate import Evaluation, Journal, evaluate
+from .evaluate import HOPELESS, Evaluation, Journal, evaluate
 from .study import Study, Tunable
 
 _DIGITS = 3  # significant digits of returned gains: as many as a person would set
@@ -228,8 +228,9 @@ class _Search:
         self._done += generations
         self.history.append(self.best.objective)
         worst = self.best.worst
+        below = " or less" * (worst.share >= HOPELESS)
         self._progress(f"{stage} search, worst requirement {worst.requirement} with a margin of "
-                       f"{100.0 * worst.margin:.1f} %", min(self._done, self._total), self._total)
+                       f"{100.0 * worst.margin:.1f} %{below}", min(self._done, self._total), self._total)
 
 
 def _prepare_worker() -> None:

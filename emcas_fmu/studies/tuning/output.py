@@ -34,13 +34,18 @@ def summary(result: Result) -> Table:
     return table(["requirement", "case", ">measured", ">limit", ">margin", ""], (
         [row["requirement"], row["case"], with_unit(row["measured"], row["unit"], row["limit"]),
          f"{'≤' if row['sense'] == 'maximum' else '≥'} {with_unit(row['limit'], row['unit'])}",
-         percent(row["margin"]), "ok" if row["met"] else "MISSED"] for row in rows(result, result.best)),
+         margin(row["margin"]), "ok" if row["met"] else "MISSED"] for row in rows(result, result.best)),
         f"{'Initial gains' if result.unimproved else 'Tuned gains'}: {gains}", range(2, 5))
 
 
 def gain(value: float) -> str:
     """Return a gain [SI] as text with up to twelve digits."""
     return f"{value:.12g}"
+
+
+def margin(share: float) -> str:
+    """Return a margin as text, marked as a bound if the share of the limit is HOPELESS."""
+    return percent(share) + " or less" * (share <= 1.0 - HOPELESS)
 
 
 def verdict(result: Result) -> str:
@@ -55,17 +60,25 @@ def verdict(result: Result) -> str:
         return (f"{ending}all requirements are met in every case; smallest margin {percent(worst.margin)}; "
                 f"{binding}")
     missed = [row["requirement"] for row in rows(result, result.best) if not row["met"]]
-    below = " or less" * (worst.share >= HOPELESS)
-    return (f"{ending}no gains were found that meet {', '.join(missed)}; the worst, {worst.requirement} in case "
-            f"{worst.case}, has a margin of {percent(worst.margin)}{below}; {binding}")
+    return (f"{ending}the returned gains miss {', '.join(missed)}; the worst, {worst.requirement} in case "
+            f"{worst.case}, has a margin of {margin(worst.margin)}; {binding}")
 
 
 def objectives(result: Result) -> str:
-    """Return a line: the objectives of initial and returned gains, and the largest one near the returned gains."""
+    """Return a line: the objectives of initial and returned gains, and the largest one near the returned gains.
+
+    An objective with a share that is HOPELESS is only a bound.
+    """
     initial, returned = result.before.objective, result.best.objective
+
+    def bound(value: float) -> str:
+        return " or more" * (value >= HOPELESS)
+
     nearby = "" if isnan(result.nearby) else (
-        f"; at most {number(result.nearby)} if the third digit of a returned gain changes by one")
-    return f"objective: {beside(initial, returned)} initial, {number(returned)} returned{nearby}"
+        f"; {'' if bound(result.nearby) else 'at most '}{number(result.nearby)}{bound(result.nearby)} if the third "
+        "digit of a returned gain changes by one")
+    return (f"objective: {beside(initial, returned)}{bound(initial)} initial, {number(returned)}{bound(returned)} "
+            f"returned{nearby}")
 
 
 def at_bounds(result: Result) -> str:
@@ -81,7 +94,7 @@ def write_tuned(result: Result, path: Path, command: str) -> None:
     If the search found no better gains, the file contains the initial gains with their sources and notes.
     """
     worst = result.best.worst
-    note = f"{command}; smallest margin {percent(worst.margin)} ({worst.requirement}, case {worst.case})"
+    note = f"{command}; smallest margin {margin(worst.margin)} ({worst.requirement}, case {worst.case})"
     units = {e.variable.name: e.variable.unit for e in result.study.base.entries}
     gains = {name: file_entry([value], units[name], "tuned", note)
              for name, value in result.best.gains.items() if not result.unimproved}
@@ -113,7 +126,7 @@ def write_report(result: Result, path: Path, pair: tuple[str, str] | None = None
     by_case = {(j.requirement, j.case): j for j in result.best.judgements}
     write_page(
         path, "studies/tuning/page.html.j2", [result.study.base], result=result, verdict=verdict(result), shown=shown,
-        objectives=objectives(result), gain=gain,
+        objectives=objectives(result), gain=gain, margin=margin,
         by_case=by_case, rows=list(zip(rows(result, result.best), rows(result, result.before), strict=True)),
         units={e.variable.name: e.variable.unit for e in result.study.base.entries},
         pictures=pictures(drawings(result, pair)))

@@ -119,7 +119,7 @@ def _correlation(first: Any, second: Any) -> float:
 
 def trade(result: Result, first: str, second: str, correlation: float) -> Drawing:
     """Plot two requirements against each other, each as a share of its limit, with their Pareto front."""
-    plot, (axes,) = column(f"{second} / limit", x=f"{first} / limit", width=6.0, height=3.6)
+    plot, (axes,) = column(f"share of {second}", x=f"share of {first}", width=6.0, height=3.6)
     pairs = shares(result.evaluated, first, second)
     points = np.array(pairs)
     near = points[(points < min(HOPELESS, 3.0)).all(axis=1)]
