@@ -9,7 +9,7 @@ import pytest
 from emcas_fmu.actuators import get
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.baseline.comparison import TEMPLATE
+from emcas_fmu.studies.baseline.comparison import TEMPLATE, first
 from emcas_fmu.studies.baseline.files import read, read_plan
 from tests.marks import slow
 
@@ -29,15 +29,15 @@ def base(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(("model", "electrical", "cases"), [
-    ("second-order", False, {"cold", "supply_sag"}),
+    ("second-order", False, {"cold", "supply_sag", "opposing_load", "aiding_load"}),
     *slow((DIRECT_DRIVE, True, {"cold"}), ("elastic+heat+homing+faults", True, set()))])
 def test_cases_and_figures_that_an_actuator_lacks_are_left_out(
         base: Path, model: str, electrical: bool, cases: set[str]) -> None:
     """The output names the reason, and a changed parameter is drift."""
     printed = record(base, "--model", model)
     recorded = read(base / "baseline", model)
-    assert {"cold", "supply_sag"} - set(recorded.case) == cases
-    assert all(f"left out: case {name}: this actuator has no " in printed for name in cases)
+    assert {"cold", "supply_sag", "opposing_load", "aiding_load"} - set(recorded.case) == cases
+    assert all(f"left out: case {name}: " in printed for name in cases)
     assert ("peak_current" in recorded.case["step"].figures) is electrical
     assert ("rms_current: this actuator has no motor_current" in printed) is not electrical
     assert f'model = "{get(model).name}"' in (base / "baseline/baseline.toml").read_text()
@@ -52,6 +52,23 @@ def test_cases_and_figures_that_an_actuator_lacks_are_left_out(
         e.variable.unit for e in changed.entries if e.variable.name == name)
     (base / "changed.toml").write_text(f'{name} = "{value!r} {unit}"\n')
     assert name in check(base, "--model", model, "-p", base / "changed.toml", code=1)
+
+
+@pytest.mark.parametrize(("model", "load", "left_out"), [
+    ("nonlinear", 100.0, {}), ("servo", 5.0, {"cold": "this actuator has no friction.temperature"}),
+    ("second-order", None, {
+        "opposing_load": "aero_torque has no effect on this actuator's motion",
+        "aiding_load": "aero_torque has no effect on this actuator's motion",
+        "cold": "this actuator has no friction.temperature", "supply_sag": "this actuator has no supply_voltage"}),
+    ("linear", 100.0, {"supply_sag": "supply_voltage has no effect on this actuator's motion"})])
+def test_first_cases_have_the_actuators_rated_load_and_inputs_with_an_effect(
+        model: str, load: float | None, left_out: dict[str, str]) -> None:
+    """100 N.m would push the servo, which stalls at 15.6 N.m, to its stop."""
+    plan, omitted = first(ParameterSubject(load_parameters(model=model)))
+    torques = [getattr(case, "torque", 0.0) for case in plan.case.values()]
+    assert [torque for torque in torques if torque] == ([-load, load] if load else [])
+    assert {f"case {name}: {why}" for name, why in left_out.items()} == {
+        each for each in omitted if each.startswith("case ")}
 
 
 def test_sag_is_a_percentage_of_the_supply_voltage(base: Path) -> None:

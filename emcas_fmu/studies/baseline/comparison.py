@@ -13,6 +13,7 @@ import numpy as np
 
 from ... import __version__
 from ...bench.metrics import FIGURES
+from ...bench.requirements import load_requirements
 from ...bench.subject import Identification, Subject, left_out
 from ...errors import EmcasError
 from ...support.progress import Progress, silent
@@ -24,21 +25,32 @@ TEMPLATE = Path(__file__).parent / "default.toml"
 
 
 def first(subject: Subject) -> tuple[Baseline, list[str]]:
-    """Return a first plan for a subject (the template, with commands within its range), and omissions with reasons."""
+    """Return a first plan for a subject, and omissions with reasons.
+
+    The plan is the template with commands within the subject's range, and with the rated load of its requirements.
+    """
     template = read_plan(TEMPLATE)
     written = deepcopy(dict(template.written))
     most = round(degrees(subject.command_limit), 9)
+    rated = load_requirements(None, subject.parameters).rated_load
     omitted = []
     for why, names in left_out({name: FIGURES[name] for name in ALL}, subject.outputs).items():
         omitted.append(f"{', '.join(names)}: {why}")
         for name in names:
             written["limits"]["figures"].pop(name, None)
     for name, case in template.case.items():
-        if why := subject.obstacle(case.excitation(Path(), subject)):
+        excitation = case.excitation(Path(), subject)
+        idle = [key for key in excitation.columns if key in subject.actuator.without_effect
+                and np.ptp(excitation.columns[key])]
+        why = subject.obstacle(excitation) or "".join(f"{key} has no effect on this actuator's motion" for key in idle)
+        if why:
             omitted.append(f"case {name}: {why}")
             del written["case"][name]
-        elif abs(command := getattr(case, "command", 0.0)) > most:
+            continue
+        if abs(command := getattr(case, "command", 0.0)) > most:
             written["case"][name]["command"] = f"{copysign(most, command):.12g} deg"
+        if torque := getattr(case, "torque", 0.0):
+            written["case"][name]["torque"] = f"{copysign(rated, torque):g} N.m"
     return parsed(written, TEMPLATE, subject.model), omitted
 
 
