@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from textwrap import wrap
 
 from ..actuators import NONLINEAR
+from ..bench.requirements import RATED, load_requirements
 from ..parameters import Entry, ParameterSet, shipped_file
 from ..support.files import models_directory
 from .overview import offered
@@ -26,6 +27,7 @@ _INSTRUCTIONS = ("Remove the # before a value that you have, and write the value
                  "mm/turn\", \"35 ozf*in/A\", \"420 g*cm^2\". Values behind a # keep their defaults. "
                  "docs/use/your_actuator.md relates datasheets to these values; `emcas parameters -p FILE --model "
                  "MODEL` checks the file and lists the remaining estimates.")
+_MOMENT = re.compile(r"[\d.]+(?= N\.m)")
 _VARIED = re.compile(r'^\[vary\."(.+?)"\]', re.MULTILINE)
 _INPUT = re.compile(r"^\[experiments\.(\w+)\.inputs\.([\w.]+)\]", re.MULTILINE)
 
@@ -78,7 +80,11 @@ def _value(entries: Sequence[Entry]) -> str:
 
 
 def campaign_text(base: ParameterSet) -> str:
-    """Return the shipped campaign, based on the user's file, without factors and experiments that do not fit."""
+    """Return the shipped campaign, based on the user's file, without factors and experiments that do not fit.
+
+    Its moments about the hinge are scaled by the rated load of the actuator's requirements.
+    """
+    scale = load_requirements(None, base).rated_load / RATED
     parameters, inputs = set(base.values), {v.name for v in base.actuator.inputs}
     model = "" if base.model == NONLINEAR else f"\nmodel = {json.dumps(base.model)}"
     kept, left_out = [], set()
@@ -89,7 +95,7 @@ def campaign_text(base: ParameterSet) -> str:
         elif paragraph.startswith("# [base]"):
             kept.append(f'[base]{model}\nparameters = "{PARAMETERS}"')
         elif not varied or varied[1] in parameters:
-            kept.append(paragraph.replace("models/", ""))
+            kept.append(_MOMENT.sub(lambda moment: f"{scale * float(moment[0]):g}", paragraph.replace("models/", "")))
     return "\n\n".join(p for p in kept if not any(p.startswith(f"[experiments.{name}]") for name in left_out)) + "\n"
 
 

@@ -116,6 +116,15 @@ def test_campaign_leaves_out_missing_parameters_and_inputs() -> None:
     assert '[vary."motor.resistance"]' in starter.campaign_text(shipped("nonlinear"))
 
 
+@pytest.mark.parametrize(("model", "friction", "stiffness"), [("nonlinear", "2", "250"), ("servo", "0.1", "12.5")])
+def test_moments_of_the_campaign_are_scaled_by_the_rated_load(model: str, friction: str, stiffness: str) -> None:
+    """250 N.m/rad would stall the servo at 4 deg."""
+    text = starter.campaign_text(shipped(model))
+    assert f'mean = "{friction} N.m"' in text
+    assert f'low = "0 N.m/rad", high = "{stiffness} N.m/rad"' in text
+    assert "39 V: down" not in text
+
+
 def test_written_files_and_the_next_command_are_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     done = emcas("init", "mine")
