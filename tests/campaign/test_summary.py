@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from math import inf, isnan, nan, sqrt
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from scipy import stats
 
 from emcas_fmu.bench.metrics import FIGURES
 from emcas_fmu.bench.writers import write_json
-from emcas_fmu.studies.campaign import sample, summary
+from emcas_fmu.studies.campaign import report, sample, summary
 from emcas_fmu.studies.campaign.quantiles import PERCENTILES
 from emcas_fmu.studies.campaign.report import write_report
 from emcas_fmu.studies.campaign.store import Store
@@ -66,6 +67,20 @@ def test_missing_figure_is_worse_than_any_number(summarised: Summarised) -> None
     assert np.isfinite([rate.percentiles[p] for p in PERCENTILES[2:]]).all()
     assert {summary.text(FIGURES["rise_time"], inf), summary.text(FIGURES["sustained_rate"], -inf)} == {"not reached"}
     assert summary.text(FIGURES["bandwidth_3db"], inf) == "beyond the sweep"
+
+
+def test_bandwidths_at_the_ends_of_their_search_are_marked_as_bounds(
+        summarised: Summarised, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = SMALL + '[experiments.sweep]\nkind = "sweep"\namplitude = "1 deg"\nlow = "1 Hz"\nhigh = "9 Hz"\n'
+    found = summarised(text, **{"sweep.bandwidth_3db": [0.0] * 50 + [5.0] * 50})
+    (band,) = spreads(found, "sweep", "bandwidth_3db")
+    assert [summary.measured(band, band.percentiles[p]) for p in (5, 95)] == ["below the sweep", "5"]
+    required = replace(band, name="requirement.bandwidth")
+    assert [summary.measured(required, value) for value in (2.0, 12.0, 60.0)] == ["< 2", "12", "> 60"]
+    assert summary.measured(required, -inf) == "not reached"
+    monkeypatch.setattr(report, "drawings", lambda _: ())
+    write_report(found, tmp_path / "page.html", "emcas campaign")
+    assert '<td class="n">below the sweep</td>' in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
 def test_infinite_figures_keep_their_sign(summarised: Summarised) -> None:

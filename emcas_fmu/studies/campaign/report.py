@@ -24,7 +24,7 @@ from .distributions import Factor
 from .experiments import REQUIREMENT, Experiment, lacking
 from .quantiles import PERCENTILES
 from .sample import history
-from .summary import Spread, Summary, text
+from .summary import Spread, Summary, measured, text
 
 _SHOWN = 5, 50, 95  # percentiles in the terminal's tables
 _COLUMNS = 3  # plots in a row of a picture
@@ -133,14 +133,14 @@ def write_report(summary: Summary, path: Path, command: str) -> None:
                *((name, f"follows {leader}", "") for name, leader in study.followers.items())]
     write_page(path, "studies/campaign/page.html.j2", [source], s=summary, study=study, command=command,
                pictures=plots.pictures(drawings(summary)), shares=[f">{p} %" for p in PERCENTILES], factors=factors,
-               text=text, seconds=seconds, unit=lambda figure: shown(figure.unit)[0], left_out=lacking(study.model),
-               bandwidths=BANDWIDTHS)
+               text=text, measured=measured, seconds=seconds, unit=lambda figure: shown(figure.unit)[0],
+               left_out=lacking(study.model), bandwidths=BANDWIDTHS)
 
 
 def tables(summary: Summary) -> Iterator[Table]:
     """Yield tables for the terminal: the percentiles of every figure, the requirements and the faults."""
     yield table(["figure", "unit", *(f">{p} %" for p in _SHOWN), "depends most on"], (
-        [s.name, shown(s.figure.unit)[0], *(text(s.figure, s.percentiles[p]) for p in _SHOWN),
+        [s.name, shown(s.figure.unit)[0], *(measured(s, s.percentiles[p]) for p in _SHOWN),
          *(f"{_short(e.factor)} ({e.rank_correlation:+.2f})" if e.sure else "" for e in s.effects[:1])]
         for s in summary.spreads if not s.name.startswith(f"{REQUIREMENT}.")),
         "Percentiles over the samples", whole=[0])
@@ -162,7 +162,7 @@ def _requirements(summary: Summary) -> Table:
     for chance in each:
         r: Any = chance.requirement
         s = summary.by_name.get(f"{REQUIREMENT}.{r.name}")
-        figures = [text(s.figure, s.percentiles[p]) for p in (median, high if r.sign > 0.0 else low)] if s else ["", ""]
+        figures = [measured(s, s.percentiles[p]) for p in (median, high if r.sign > 0.0 else low)] if s else ["", ""]
         rows.append([r.name, f"{SENSES[r.sense]} {r.shown_limit:g} {r.shown[0]}", *figures,
                      f"{chance.met} of {chance.samples}", str(chance)])
     rows += ([j.name, f"{j.sense} {j.limit:g} {j.unit}", "", "", Text("not judged", "dim"), ""]

@@ -14,6 +14,7 @@ from scipy import stats
 
 from ... import __version__
 from ...actuators import NONLINEAR
+from ...bench.measure import bound
 from ...bench.metrics import Figure, shown
 from ...pages.numbers import rounded
 from ...simulation import Array
@@ -205,6 +206,15 @@ def text(figure: Figure, value: float) -> str:
     if value * figure.bad > 0.0:
         return "not reached"
     return "–" if value != value else "beyond the sweep" if value > 0.0 else "no response"
+
+
+def measured(spread: Spread, value: float) -> str:
+    """Return a measured figure [SI] as text does; a bandwidth that is only a bound is marked, or 0 in words."""
+    if spread.figure.unit != "Hz" or not isfinite(value):
+        return text(spread.figure, value)
+    if spread.name.startswith(f"{REQUIREMENT}."):
+        return bound(value) + text(spread.figure, value)
+    return text(spread.figure, value) if value else "below the sweep"
 
 
 def _requirements(summary: Summary) -> dict[str, Any]:
