@@ -58,7 +58,7 @@ def calibrate(
     with common.work("calibrate") as step:
         result = run(files, base, names, held_out, compare or (), prior or (), delays, robust, seed, step)
     identify.write(result, parameters, output, report, as_json)
-    identify.show(result, *(common.table(["output", ">rms", ">mean", ">largest", "unit", ">fit / %"], (
+    identify.show(result, *(common.table(["output", ">rms", ">mean size", ">largest", "unit", ">fit / %"], (
         [c.variable.name, *(f"{c.figures[name]:.3g}" for name in ("rms", "mean_abs", "largest")), c.unit, c.fit]
         for c in group), f"Error of the calibrated model: {name}, {use}", whole=range(6))
         for (name, use), group in groupby(result.comparisons, lambda c: (c.record.name, c.use))))

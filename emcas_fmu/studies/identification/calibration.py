@@ -145,17 +145,22 @@ def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], ho
     comparisons = list(replay.comparisons(fit.values, others))
     at_bound = [u.name for u, x in zip(unknown, fit.values)
                 if min(x - u.lower, u.upper - x) < _AT_BOUND * (u.upper - u.lower)]
-    notes = [*columns_used([*records, *others], base, outputs),
-             f"Residuals are correlated over {fit.times.min():.3g} to {fit.times.max():.3g} samples; white noise, over "
-             f"1. Errors without white noise are up to {100.0 * max(c.unexplained for c in comparisons):.2g} % of a "
-             "measured deviation. Longer times and larger shares show that the model lacks an effect. The "
-             "uncertainties account for this effect, but not for fixed parameters that are wrong."]
+    notes = [*columns_used([*records, *others], base, outputs), _correlation(fit.times, comparisons)]
     faults = [*search.unsettled(), *_contradicted(fit, unknown), *replay.moving(fit.values, others),
               *_poor(comparisons), *_faults(replay, fit), *misspelt([*records, *others], base)]
     return Calibration(
         Experiment("calibration", f"Calibration of {base.model}", [], [], (), ""), records, base, fit, estimates,
         notes, lambda: _drawings(comparisons, fit), calibrated, comparisons, [*_undetermined(fit, unknown)],
         at_bound, search.stopped, faults)
+
+
+def _correlation(times: Array, comparisons: Sequence[Comparison]) -> str:
+    """Return a note on the correlation `times` [samples] of the residuals, and on the errors beyond white noise."""
+    ends = " to ".join(dict.fromkeys(f"{time:.3g}" for time in (times.min(), times.max())))
+    return (f"Residuals are correlated over {ends} samples; white noise, over 1. Errors without white noise are up to "
+            f"{100.0 * max(c.unexplained for c in comparisons):.2g} % of a measured deviation. Long times come from an "
+            "encoder's counts, from rounded digits or, with large shares, from an effect that the model lacks. The "
+            "uncertainties account for the correlation, but not for fixed parameters that are wrong.")
 
 
 def _undetermined(fit: Fit, free: Sequence[Unknown]) -> Iterator[tuple[str, ...]]:

@@ -172,7 +172,7 @@ def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> 
 def _listed(sweeps: Sequence[Sweep], quantity: str) -> str:
     """Return the different speeds [rpm] or temperatures [degC] of sweeps as text."""
     numbers = [getattr(s, quantity) * (RPM if quantity == "speed" else 1.0) for s in sweeps]
-    return ", ".join(f"{x:.3g}" for x in distinct(numbers, 1.0 if quantity == "temperature" else 0.0))
+    return ", ".join(f"{float(f'{x:.3g}'):g}" for x in distinct(numbers, 1.0 if quantity == "temperature" else 0.0))
 
 
 def _require_plausible(values: Mapping[str, Any], base: ParameterSet) -> None:
