@@ -48,7 +48,7 @@ FIGURES: Mapping[str, Figure] = {
     "time_to_accuracy": Figure("s", f"time after which the angle is within {degrees(ACCURACY):g} deg of the command"),
     "time_to_90_percent": Figure("s", "time until 90 % of the commanded change is reached"),
     "overshoot": Figure("1", "largest excess over the command, as a share of the change"),
-    "steady_error": Figure("rad", "mean distance from the command over the last third of the hold"),
+    "steady_error": Figure("rad", "distance of the mean angle from the command over the last third of the hold"),
     "held_error": Figure("rad", "largest distance from the command over the last third of the hold"),
     "held_angle": Figure("rad", "smallest magnitude of the angle over the last third of the hold", bad=-1.0),
     "ripple": Figure("rad", "peak to peak of the angle over the last third of the hold"),

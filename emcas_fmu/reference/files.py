@@ -185,7 +185,8 @@ def read_provenance(directory: Path) -> dict[str, Any]:
 
 def remedy(directory: Path) -> str:
     """Return the remedy for missing or damaged reference files."""
-    return f"make the reference files with `emcas reference --directory {directory}`"
+    return (f"make the reference files with `emcas reference --directory {directory}`, and with --model and "
+            "--parameters of your actuator")
 
 
 def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Progress = silent,

@@ -24,6 +24,7 @@ NAMES = tuple(_SEARCHED)
 _BEGIN, _LOWEST, _HIGHEST = np.array(list(_SEARCHED.values())).T
 _AT_BOUND = 1e-3  # largest distance from a bound, as a share of the range, at which a value counts as at the bound
 _NOTE = "Fitted to the nonlinear model."
+_INITIAL = "Initial value of a fit whose steps do not depend on it."
 # Weight of the damping as an additional residual, so that the fit prefers less damping. Without it, large dampings fit
 # almost equally well: a second pole far beyond the first and a longer delay differ by only 0.03 % of a step.
 _DAMPING_WEIGHT = 0.05
@@ -32,9 +33,13 @@ _DERIVATIVE_STEP = 3e-3  # relative change of a parameter for a numerical deriva
 
 @dataclass(frozen=True)
 class Fit:
-    """The fitted parameters; for each of the `sizes` [deg] the `largest` and the `rms` difference [% of the size]."""
+    """The fitted parameters; for each of the `sizes` [deg] the `largest` and the `rms` difference [% of the size].
+
+    `undetermined` are the names of the parameters on which no response depends; they have their initial values.
+    """
 
     parameters: ParameterSet
+    undetermined: tuple[str, ...]
     sizes: tuple[float, ...]
     largest: tuple[float, ...]
     rms: tuple[float, ...]
@@ -49,8 +54,10 @@ class Fit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """A message for each fitted value at a bound."""
+        """A message for each value that is not determined, and for each fitted value at a bound."""
         return tuple(
+            f"{name} = {self.parameters.values[name]:.4g} is the initial value: no step depends on it"
+            for name in self.undetermined) + tuple(
             f"{name} = {self.parameters.values[name]:.4g} is at the {side} bound of the fit: the best value may be "
             "beyond it; check whether the remaining differences are small enough"
             for name, side in self.at_bound.items())
@@ -58,7 +65,7 @@ class Fit:
     def figures(self) -> dict[str, Any]:
         """Return the fitted values [SI] and the remaining differences [% of the size] for JSON."""
         return {"parameters": {name: self.parameters.values[name] for name in NAMES}, "at_bound": self.at_bound,
-                "step_deg": self.sizes,
+                "undetermined": self.undetermined, "step_deg": self.sizes,
                 "largest_difference_percent": self.largest, "rms_difference_percent": self.rms}
 
 
@@ -83,10 +90,12 @@ def fit(nonlinear: ParameterSet) -> Fit:
     solution = least_squares(residuals, np.ones(len(NAMES)), bounds=(_LOWEST / _BEGIN, _HIGHEST / _BEGIN),
                              diff_step=_DERIVATIVE_STEP, xtol=1e-10, ftol=1e-10)
     units = {e.variable.name: e.variable.unit for e in base.entries}
-    fitted = base.with_values({name: file_entry([float(f"{x:.4g}")], units[name], "estimate", _NOTE)
-                               for name, x in zip(NAMES, solution.x * _BEGIN, strict=True)})
+    undetermined = tuple(name for name, column in zip(NAMES, solution.jac.T, strict=True) if not column.any())
+    fitted = base.with_values({
+        name: file_entry([float(f"{x:.4g}")], units[name], "estimate", _INITIAL if name in undetermined else _NOTE)
+        for name, x in zip(NAMES, solution.x * _BEGIN, strict=True)})
     differences = 100.0 * np.abs(_responses(fitted.values, MODEL, sizes) - nonlinear_steps)
-    return Fit(fitted, sizes, tuple(differences.max(axis=1).tolist()),
+    return Fit(fitted, undetermined, sizes, tuple(differences.max(axis=1).tolist()),
                tuple(np.sqrt(np.mean(differences**2, axis=1)).tolist()))
 
 

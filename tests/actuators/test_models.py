@@ -144,6 +144,17 @@ def test_a_fit_at_a_bound_has_a_warning() -> None:
     assert warning.startswith("second_order.damping = 3 is at the upper bound of the fit")
 
 
+def test_rate_limit_that_no_step_reaches_is_not_called_fitted(tmp_path: Path) -> None:
+    found = fit(load_parameters().with_values({"command.limit": radians(0.5)}))
+    assert found.figures()["undetermined"] == ("second_order.rate_limit",)
+    warning, = found.warnings
+    assert warning == "second_order.rate_limit = 4 is the initial value: no step depends on it"
+    write_fitted(found, tmp_path / "fitted.toml", "a test")
+    notes = {e.variable.name: e.note for e in load_parameters(tmp_path / "fitted.toml", model=MODEL).entries}
+    assert notes["second_order.rate_limit"] == "Initial value of a fit whose steps do not depend on it."
+    assert notes["second_order.damping"] == "Fitted to the nonlinear model."
+
+
 def test_written_fit_has_all_changed_values(tmp_path: Path) -> None:
     found = fit(load_parameters().with_values({
         "command.limit": radians(25.0), "fin.stop_angle": radians(28.0), "kinematics.moment_arm": 0.06,

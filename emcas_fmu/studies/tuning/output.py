@@ -52,9 +52,9 @@ def verdict(result: Result) -> str:
     """Return a line: how the search ended, whether all requirements are met, and which requirements are binding."""
     worst = result.best.worst
     binding = f"binding: {', '.join(result.binding)}"
-    count = f"{len(result.evaluated)} evaluations"
-    none = f"{count} found no gains better than the initial ones"
-    ending = (f"stopped by Ctrl-C, {none if result.unimproved else f'the best of {count}'}: " if result.stopped else
+    none = "this search found no gains better than the initial ones"  # the journal may have those of another search
+    best = none if result.unimproved else f"the best of {len(result.evaluated)} evaluations"
+    ending = (f"stopped by Ctrl-C, {best}: " if result.stopped else
               f"{none}, which are returned: " if result.unimproved else "")
     if result.met:
         return (f"{ending}all requirements are met in every case; smallest margin {percent(worst.margin)}; "
