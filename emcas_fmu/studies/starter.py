@@ -13,7 +13,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from textwrap import wrap
 
 from ..actuators import NONLINEAR
-from ..bench.requirements import RATED, load_requirements
+from ..bench.requirements import load_requirements
+from ..motions import RATED
 from ..parameters import Entry, ParameterSet, shipped_file
 from ..support.files import models_directory
 from .overview import offered
