@@ -8,21 +8,32 @@ The same flight is computed with each actuator; rocket and autopilot are invente
 
 from __future__ import annotations
 
-import argparse
 import math
+import sys
 import tempfile
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import fmpy
 import matplotlib.pyplot as plt
 import numpy as np
+import typer
 from fmpy.simulation import instantiate_fmu
-from rocketpy import Environment, Flight, GenericMotor, NoseCone, Rocket, TrapezoidalFin
-from rocketpy.control.controller import _Controller
-from rocketpy.mathutils import Vector
 
 import emcas_fmu as em
+from emcas_fmu.commands.common import check_outputs, failures
+from emcas_fmu.figures import check_image
+
+try:
+    from rocketpy import Environment, Flight, GenericMotor, NoseCone, Rocket, TrapezoidalFin
+    from rocketpy.control.controller import _Controller
+    from rocketpy.mathutils import Vector
+except ModuleNotFoundError as missing:
+    if __name__ != "__main__":
+        raise
+    print(f"error: the flight needs the Python package {missing.name}, which is not installed: "
+          "pip install 'emcas-fmu[rocketpy,native]'", file=sys.stderr)
+    sys.exit(2)
 
 ACTUATORS = {"none: the angle is the command": (None, None), "second-order": ("second-order", None),
              "servo": ("servo", None), "servo, set xl330": ("servo", "xl330")}
@@ -153,23 +164,23 @@ def picture(flights: dict[str, Roll], path: Path) -> None:
     plt.close(figure)
 
 
-def main() -> None:
+def main(output: Annotated[Path, typer.Option(help="Picture to write: .png, .svg or .pdf.")] = Path("roll.png"),
+         ) -> None:
     """Fly with every actuator, print a line for each, and write a picture."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=Path("roll.png"), help="picture to write (default: roll.png)")
-    output = parser.parse_args().output
-    if not output.parent.is_dir():
-        parser.error(f"{output}: there is no folder {output.parent}")
-    flights = {}
-    for title, (model, parameters) in ACTUATORS.items():
-        print(f"{title} ...", flush=True)
-        flights[title] = fly(model, parameters)
-        largest = np.max(np.abs(flights[title].hinge_moment))
-        print(f"  roll in the last second within {math.degrees(held(flights[title])):.0f}° of its target, hinge moment "
-              f"up to {largest:.1f} N·m", flush=True)
-    picture(flights, output)
-    print(f"wrote {output}")
+    with failures():
+        check_outputs(check_image(output))
+        flights = {}
+        for title, (model, parameters) in ACTUATORS.items():
+            print(f"{title} ...", flush=True)
+            flights[title] = fly(model, parameters)
+            largest = np.max(np.abs(flights[title].hinge_moment))
+            print(f"  roll in the last second within {math.degrees(held(flights[title])):.0f}° of its target, hinge "
+                  f"moment up to {largest:.1f} N·m", flush=True)
+        picture(flights, output)
+        print(f"written {output}")
 
 
 if __name__ == "__main__":
-    main()
+    command = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    command.command()(main)
+    command()

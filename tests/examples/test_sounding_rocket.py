@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from math import radians
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,3 +34,20 @@ def test_hinge_moments_turn_a_weak_servo_to_its_stops() -> None:
     assert fly.held(weak) > radians(45.0)
     assert np.max(np.abs(weak.hinge_moment)) > 0.887  # N.m, its stall torque
     assert np.max(np.abs(weak.angle)) > 2.0 * fly.LIMIT  # beyond any command
+
+
+@pytest.mark.parametrize(("output", "words"), [("x/roll.png", "there is no folder"), ("roll.txt", "must end in .svg")])
+def test_output_is_checked_before_the_flights(tmp_path: Path, output: str, words: str) -> None:
+    ran = subprocess.run([sys.executable, str(fly.__file__), "--output", output], capture_output=True, text=True,
+                         cwd=tmp_path)
+    assert (ran.returncode, ran.stdout) == (2, "")
+    assert words in ran.stderr
+
+
+def test_missing_rocketpy_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "rocketpy.py").write_text("raise ModuleNotFoundError(name='rocketpy')\n")
+    ran = subprocess.run([sys.executable, str(fly.__file__)], capture_output=True, text=True,
+                         env={**os.environ, "PYTHONPATH": os.pathsep.join((str(tmp_path), *sys.path))})
+    assert ran.returncode == 2
+    assert ran.stderr == ("error: the flight needs the Python package rocketpy, which is not installed: "
+                          "pip install 'emcas-fmu[rocketpy,native]'\n")
