@@ -20,7 +20,7 @@ from .fmu import BUS_RESISTANCE, VOLTAGE, WIRED, Fmu
 from .masters import VARIANT, InMaster, write_archive
 from .results import FMU, IDEAL, SECOND_ORDER, STIFF, UNDELAYED, WITHOUT_ENCODER, WITHOUT_SSP, Flight, Results, Unit
 from .second_order import SecondOrder, fit, undelayed
-from .vehicle import Launch
+from .vehicle import Launch, check_installed
 
 Progress = Callable[[str, float], None]
 """A function that is called with the name of the work and the share that is done, from 0 to 1."""
@@ -68,6 +68,7 @@ def run(options: Options, folder: Path, progress: Progress) -> Results:
         raise EmcasError(f"--ssp {options.ssp}: is flown in another master only: pass --host, too")
     if options.variant != NOMINAL and options.ssp is None:
         raise EmcasError(f"--variant {options.variant}: is a variant of an archive: pass --ssp, too")
+    check_installed()
     flier = _Flier(options, folder, progress)
     manoeuvres = {name: each.hinged(options.hinge) for name, each in MANOEUVRES.items()}
     flights = {name: {each: flier.fly(manoeuvres[name], each, flier.makers[each]) for each in flier.actuators}

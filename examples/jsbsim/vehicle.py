@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.support.extras import require
 
 Array = NDArray[Any]
 FINS = (1, 2, 3, 4)
@@ -131,11 +132,14 @@ class Rocket:
             incidence=float(np.arctan2(np.hypot(v, w), u)))
 
 
+def check_installed() -> None:
+    """Raise EmcasError if JSBSim is not installed."""
+    require("jsbsim", "the flight needs", "jsbsim")
+
+
 def _executive() -> Any:
-    try:
-        jsbsim: Any = import_module("jsbsim")
-    except ImportError as error:
-        raise EmcasError("JSBSim is not installed: pip install jsbsim") from error
+    check_installed()
+    jsbsim: Any = import_module("jsbsim")
     jsbsim.FGJSBBase().debug_lvl = 0  # no banner
     executive = jsbsim.FGFDMExec(str(Path(__file__).resolve().parent))
     executive.set_debug_level(0)

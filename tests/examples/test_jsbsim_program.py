@@ -102,3 +102,12 @@ def test_error_names_the_option_and_the_remedy(arguments: list[str], message: st
     assert result.returncode == 2
     assert message in result.stderr
     assert "Traceback" not in result.stderr
+
+
+def test_missing_jsbsim_is_reported_before_the_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "jsbsim.py").write_text("raise ModuleNotFoundError\n")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path), *sys.path)))
+    result = program("-o", tmp_path / "out")
+    assert result.returncode == 2
+    assert result.stderr == ("error: the flight needs the Python package jsbsim, which is not installed: "
+                             "pip install 'emcas-fmu[jsbsim]'\n")
