@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from contextlib import ExitStack
-from math import degrees, radians
+from math import degrees, inf, radians
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
@@ -36,11 +36,12 @@ def plot(rows: Array, path: Path) -> None:
     time = rows[:, 0]
     with plots.style():
         figure, (roll, fin, torque) = plots.column("roll [deg]", "fin 1 [deg]", "torque [N·m]", x="time [s]")
-        roll.plot(time, np.degrees([roll_command(t) for t in time]), **plots.COMMAND)
-        roll.plot(time, np.degrees(rows[:, _AT["roll"]]))
+        roll.plot(time, np.degrees([roll_command(t) for t in time]), label="command", **plots.COMMAND)
+        roll.plot(time, np.degrees(rows[:, _AT["roll"]]), label="motion")
         fin.plot(time, np.degrees(rows[:, _AT["fin1_command"]]), **plots.COMMAND)
         fin.plot(time, np.degrees(rows[:, _AT["fin1_angle"]]))
         torque.plot(time, rows[:, _AT["fin1_torque"]])
+        plots.legend(roll)
         plots.write(figure, path)
 
 
@@ -54,6 +55,9 @@ def run(
     """Roll a tail with four fins in MuJoCo, each fin turned by an FMU with torque out."""
     try:
         check_outputs(check_image(picture))
+        if not (0.0 < step <= stop < inf and 0.0 < inertia < inf):
+            raise emcas.EmcasError(f"--stop {stop:g}, --step {step:g}, --inertia {inertia:g}: must be above 0, and the "
+                                   "step not above the stop")
         with TemporaryDirectory() as folder, ExitStack() as opened:
             file = Path(folder) / "actuator.fmu"
             emcas.build(emcas.load_parameters(model=model), file, interface="torque")

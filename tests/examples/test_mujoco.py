@@ -78,6 +78,7 @@ def test_program(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("arguments", "words"), [
     (("--model", "servo"), "torque needs a rigid drive line"),
+    (("--step", "0"), "--step 0"), (("--stop", "nan"), "--stop nan"), (("--inertia", "-1"), "--inertia -1"),
     (("--plot", "roll.html"), "roll.html: the name of a plot must end in .svg, .png, .pdf")])
 def test_error_names_the_option(arguments: tuple[str, str], words: str) -> None:
     result = CliRunner().invoke(PROGRAM, arguments)
