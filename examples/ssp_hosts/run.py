@@ -27,10 +27,12 @@ def run(
     output: Annotated[Path, typer.Option("--output", "-o", help="CSV file of all outputs.")] = Path("outputs.csv"),
 ) -> None:
     """Step a variant of an archive in a host, with constant inputs, and write its outputs."""
+    from emcas_fmu.commands.common import check_outputs
     from emcas_fmu.errors import EmcasError
     from examples.ssp_hosts import hosts
 
     try:
+        check_outputs(output, inputs=[ssp])
         with hosts.open(ssp, host, variant, step) as system, output.open("w", encoding="utf-8", newline="") as file:
             for setting in inputs or []:
                 name, _, text = setting.partition("=")

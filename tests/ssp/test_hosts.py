@@ -208,7 +208,9 @@ def test_example_program_runs_and_refuses_wrong_arguments(ssp: Path, tmp_path: P
     assert len(outputs["time"]) == 300
     assert [round(outputs[f"fin{i}.fin_angle"][-1], 1) for i in (1, 2, 3, 4)] == [0.1, 0.2, 0.0, 0.0]
     for arguments, message in ((("--host", "ecos"), "no host 'ecos'"), (("--set", "bus=1"), "no input 'bus'"),
-                            (("--set", "supply_voltage"), "expected NAME=VALUE")):
+                            (("--set", "supply_voltage"), "expected NAME=VALUE"),
+                            (("--output", "no/out.csv"), "there is no folder no"),
+                            (("--output", str(ssp)), "would be overwritten")):
         refused = call(*arguments)
         assert refused.returncode == 2
         assert message in refused.stderr
