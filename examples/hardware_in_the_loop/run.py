@@ -66,7 +66,11 @@ def run(
                     emcas.build(parameters, file, part=part)
             with Half(files["plant"]) as plant:
                 if own_controller:
-                    response = coupled(OwnController(parameters.nested()), plant, stop, step, INPUTS, not at_once)
+                    try:
+                        response = coupled(OwnController(parameters.nested()), plant, stop, step, INPUTS, not at_once)
+                    except (AttributeError, KeyError) as error:
+                        raise emcas.EmcasError(f"--own-controller: reads motor angle, lever, screw and limits, which "
+                                               f"{model} does not have; choose nonlinear, or leave it out") from error
                 else:
                     with Half(files["controller"]) as controllers:
                         response = coupled(controllers, plant, stop, step, INPUTS, not at_once)

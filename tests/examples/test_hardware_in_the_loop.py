@@ -30,6 +30,14 @@ def test_difference_of_the_coupled_halves() -> None:
     assert 0.05 < largest_difference("--own-controller") < 3.0
 
 
+@pytest.mark.fmu
+@pytest.mark.parametrize("model", ["servo", "clutch"])
+def test_own_controller_refuses_an_actuator_that_it_cannot_control(model: str) -> None:
+    result = CliRunner().invoke(PROGRAM, ["--own-controller", "--model", model])
+    assert result.exit_code == 2
+    assert f"which {model} does not have" in " ".join(result.output.split())
+
+
 def test_actuator_without_position_loop_is_refused() -> None:
     result = CliRunner().invoke(PROGRAM, ["--model", "second-order"])
     assert result.exit_code == 2
