@@ -21,15 +21,13 @@ def make(
                                                     "Default: the shipped one.", metavar="FILE.toml")] = None,
 ) -> None:
     """Write simulated records, with the noise and resolution of instruments, and their provenance."""
-    from emcas_fmu.errors import EmcasError
+    from emcas_fmu.commands.common import check_outputs, failures
     from emcas_fmu.parameters import load_parameters
     from examples.identification_bench.bench import write_bench
 
-    try:
+    with failures():
+        check_outputs(folders=[directory])
         written = write_bench(directory, load_parameters(parameters), seed)
-    except (EmcasError, OSError) as error:
-        typer.echo(f"Error: {error}", err=True)
-        raise typer.Exit(2) from error
     typer.echo(f"written {len(written)} records to {directory}")
 
 

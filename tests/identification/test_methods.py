@@ -215,3 +215,12 @@ def test_random_actuators_differ() -> None:
     one, two = (draw_truth(base, np.random.default_rng(seed)) for seed in (1, 2))
     assert largest_difference(one, two) > 0.01
     assert abs(one.values["kinematics.initial_angle"]) <= radians(8.0)
+
+
+def test_bench_needs_a_folder(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.touch()
+    program = ROOT / "examples/identification_bench/make.py"
+    done = subprocess.run([sys.executable, program, "--directory", file], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "is a file; give a folder" in done.stderr
