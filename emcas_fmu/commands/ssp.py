@@ -58,7 +58,7 @@ def write(
     with common.work("compile") as step:
         written = write_ssp(output, fmu, parameters, fins=fins, layout=layout or "cross", fin_files=of_fins,
                             variant_files=of_variants, border=border, model=model, progress=step, halves=halves)
-    common.say(f"written {escape(str(output))}  {output.stat().st_size / 1024:.0f} KiB  {fins} fins, "
+    common.say(f"written {escape(str(output))}  {output.stat().st_size / 1024:.0f} KiB  {fins} fin{'s'[:fins != 1]}, "
                f"FMU {written.guid}")
     common.warn((*(f"left out: {what}" for what in written.left_out), *written.warnings))
     files = ", ".join(f"{name} ({DEFAULT if name == NOMINAL else f'{name}.ssd'})" for name in written.report.variants)

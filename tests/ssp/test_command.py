@@ -26,6 +26,10 @@ def test_written_archive_passes_the_check(native: Path, tmp_path: Path) -> None:
     assert "passed, 0 warnings" in emcas("check", target, "--fmu", native)
 
 
+def test_one_fin_is_singular(native: Path, tmp_path: Path) -> None:
+    assert "1 fin, FMU" in emcas("--fmu", native, "--fins", "1", "-o", tmp_path / "one.ssp")
+
+
 def test_check_of_a_wrong_archive_fails(edit: Edit, tmp_path: Path) -> None:
     archive = edit("SystemStructure.ssd", 'endConnector="aero_torque"', 'endConnector="aero_torqe"')
     printed = emcas("check", archive, "--json", tmp_path / "f.json", code=1)
