@@ -13,7 +13,9 @@ if __package__ in (None, ""):  # run as a file: modules are found from the folde
     sys.path[0] = str(Path(__file__).resolve().parents[2])
 
 from emcas_fmu.api import EmcasError, ParameterSet
-from emcas_fmu.support.writing import check_target, write
+from emcas_fmu.commands.common import check_outputs
+from emcas_fmu.figures import check_image
+from emcas_fmu.support.writing import write
 from examples.xl330 import records
 from examples.xl330.calibration import GENERATIONS, calibrated, groups, typical, unseen
 from examples.xl330.records import Array, Record
@@ -27,7 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--records", nargs="+", type=Path, metavar="FILE", help="records, or folders of them; default: "
                         f"the folder that the environment variable {records.FOLDER} names")
     parser.add_argument("--json", type=Path, metavar="FILE", help="file for the errors")
-    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="picture of measured and simulated positions")
+    parser.add_argument("--plot", type=Path, metavar="FILE",
+                        help="picture of measured and simulated positions, .svg, .png or .pdf")
     parser.add_argument("--fit", action="store_true", help="calibrate on these records, from the data sheet's values, "
                         "instead of using the shipped set (a minute)")
     parser.add_argument("--unseen", action="store_true", help="also calibrate without a part of these records, and "
@@ -37,8 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                         help=f"parameter files that override the set {records.SET}")
     options = parser.parse_args(arguments)
     try:
-        if options.plot:
-            check_target(options.plot, ".png", EmcasError)
+        check_outputs(options.json, check_image(options.plot), inputs=[options.records])
         base = records.shipped(options.parameters)
         runs = [records.read(path) for path in records.files(options.records)]
         values = calibrated(runs, base, report=_report("all records")) if options.fit else {}

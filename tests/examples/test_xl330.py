@@ -190,6 +190,16 @@ def test_error_without_records_says_where_they_are(
         assert "Apache-2.0" in error
 
 
+@pytest.mark.parametrize("output", [["--json", "no/errors.json"], ["--plot", "plot.html"]])
+def test_outputs_are_checked_before_the_work(output: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+                                             ) -> None:
+    path = write(tmp_path, contents(3))
+    assert compare.main(["--records", str(path), *output]) == compare.REFUSED
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert output[1] in printed.err
+
+
 def test_error_of_the_measured_records_is_below_the_target(tmp_path: Path) -> None:
     """The set was identified from these records."""
     try:
