@@ -7,6 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.optimize import least_squares
 
+from emcas_fmu.support.progress import Progress, silent
+
 from .records import SAMPLE_TIME, Array, Record
 from .simulated import BORDER, WINDOW, Values, force, in_windows, percent, under_loops
 
@@ -58,7 +60,8 @@ def calibrated(record: Record, start: Values, free: Mapping[str, float] = FREE, 
     return {**start, **dict(zip(free, (fit.x * scales).tolist(), strict=True))}
 
 
-def cross_validation(record: Record, start: Values) -> dict[str, tuple[float, float, float]]:
+def cross_validation(record: Record, start: Values, progress: Progress = silent,
+                     ) -> dict[str, tuple[float, float, float]]:
     """Return three errors for each of TERMS: of the force fitted [%] and held out [%], and of windows held out [mm].
 
     Each of the eight stages of the command's period, from one stop to the next, is held out in turn, with the windows
@@ -66,7 +69,8 @@ def cross_validation(record: Record, start: Values) -> dict[str, tuple[float, fl
     """
     stage = np.arange(len(record)) // STAGE % STAGES
     results = {}
-    for words, neutral in TERMS.items():
+    for done, (words, neutral) in enumerate(TERMS.items()):
+        progress(words, done, len(TERMS))
         free = {name: scale for name, scale in FREE.items() if name not in neutral}
         whole = calibrated(record, {**start, **neutral}, free)
         squares, window_squares = np.zeros(2), np.zeros(2)

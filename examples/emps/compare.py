@@ -50,7 +50,7 @@ def compare(
 
     Exit codes: 0 done, 2 an error, 3 no records.
     """
-    from emcas_fmu.commands.common import check_outputs, err, failures, out
+    from emcas_fmu.commands.common import check_outputs, err, failures, out, work
     from emcas_fmu.figures import check_image
     from emcas_fmu.pages.terminal import table
     from emcas_fmu.support.writing import write
@@ -76,7 +76,8 @@ def compare(
             **model, "authors": {**results, "printed": PRINTED}, "parameters": {name: values[name] for name in FREE},
             "records": {record.name: record.sha256 for record in (fitted, unseen)}}
         if terms:
-            document["terms"] = cross_validation(fitted, values)
+            with work("calibrate", lines=True) as progress:
+                document["terms"] = cross_validation(fitted, values, progress)
         if json_file:
             write(json_file, json.dumps(document, indent=1) + "\n")
         if plot:
