@@ -20,7 +20,7 @@ from examples.xl330 import records
 from examples.xl330.calibration import GENERATIONS, calibrated, groups, typical, unseen
 from examples.xl330.records import Array, Record
 
-NO_RECORDS, REFUSED = 3, 2  # exit codes
+NO_RECORDS, REFUSED, INTERRUPTED = 3, 2, 130  # exit codes
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -71,6 +71,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except EmcasError as error:
         print(f"error: {error}", file=sys.stderr)
         return REFUSED
+    except KeyboardInterrupt:
+        return INTERRUPTED
     return 0
 
 

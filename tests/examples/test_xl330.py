@@ -200,6 +200,14 @@ def test_outputs_are_checked_before_the_work(output: list[str], tmp_path: Path, 
     assert output[1] in printed.err
 
 
+def test_interruption_has_no_traceback(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(records, "simulated", interrupted)
+    assert compare.main(["--records", str(write(tmp_path, contents(3)))]) == 130
+
+
 def test_error_of_the_measured_records_is_below_the_target(tmp_path: Path) -> None:
     """The set was identified from these records."""
     try:
