@@ -61,6 +61,8 @@ def kinds(results: Results, name: str) -> Drawing:
     (pitch, energy), (apart, share) = grid
     ideal = flown[IDEAL]
     begin = ideal["wanted_pitch_rad"][0]
+    largest = max(float(np.abs(f["power_w"]).sum() * results.step) for each, f in flown.items() if each != IDEAL)
+    unit, scale, digits = ("kJ", 1e-3, ".2f") if largest >= 1000.0 else ("J", 1.0, ".3g")
     pitch.plot(_thin(ideal["time"]), np.degrees(_thin(ideal["wanted_pitch_rad"]) - begin), color=GRAY, linewidth=0.8,
                linestyle="--", label="wanted")
     for actuator, flight in flown.items():
@@ -71,14 +73,14 @@ def kinds(results: Results, name: str) -> Drawing:
         pitch.plot(time, np.degrees(_thin(flight["pitch_rad"]) - begin), **look)
         if actuator != IDEAL:
             apart.plot(time, turn_between(_thin(angles(flight).T).T, _thin(angles(ideal).T).T), **look)
-            energy.plot(time, 1e-3 * _thin(np.cumsum(flight["power_w"])) * results.step, **look)
+            energy.plot(time, scale * _thin(np.cumsum(flight["power_w"])) * results.step, **look)
     bars = [actuator for actuator in reversed(flown) if actuator != IDEAL]
     for row, actuator in enumerate(bars):
         power, look = flown[actuator]["power_w"], _look(results, actuator)
-        used, back = (1e-3 * float(np.maximum(sign * power, 0.0).sum() * results.step) for sign in (1.0, -1.0))
+        used, back = (scale * float(np.maximum(sign * power, 0.0).sum() * results.step) for sign in (1.0, -1.0))
         share.barh(row, used, 0.62, color=look["color"])
         share.barh(row, -back, 0.62, color=look["color"], alpha=0.5, hatch="////")
-        share.annotate(f"{used:.2f}, returned {back:.2f}", (used, row), (4, 0), textcoords="offset points",
+        share.annotate(f"{used:{digits}}, returned {back:{digits}}", (used, row), (4, 0), textcoords="offset points",
                        va="center", fontsize=7.5)
     share.set_yticks(range(len(bars)), [_kind(each, flown[each]) for each in bars], fontsize=7.5)
     for label, actuator in zip(share.get_yticklabels(), bars, strict=True):
@@ -88,9 +90,9 @@ def kinds(results: Results, name: str) -> Drawing:
     share.axvline(0.0, color=GRAY, linewidth=0.8)
     share.grid(visible=False, axis="y")
     for axes, words in ((pitch, "pitch from launch [deg]"), (apart, "attitude from that\nof ideal fins [deg]"),
-                        (energy, "energy drawn less\nwhat is returned [kJ]")):
+                        (energy, f"energy drawn less\nwhat is returned [{unit}]")):
         axes.set(ylabel=words, xlabel="time [s]", xlim=(0.0, float(ideal["time"][-1])))
-    share.set(xlabel="energy drawn, hatched: returned [kJ]")
+    share.set(xlabel=f"energy drawn, hatched: returned [{unit}]")
     pitch.set_title(results.manoeuvres[name].title)
     energy.set_title("Four fins")
     plot.legend(*pitch.get_legend_handles_labels(), loc="outside upper center", ncols=5)

@@ -145,22 +145,25 @@ def test_every_kind_with_a_supply_is_flown() -> None:
     assert "second-order" not in models  # has no supply
 
 
-def test_energies_in_the_plots_are_those_of_the_table(flight: Mapping[str, Array]) -> None:
-    """The line ends at supplied less returned energy, and the bars show both, in kJ, for a power of both signs."""
-    two_signs = {**flight, "power_w": flight["power_w"] - flight["power_w"].mean() / 2.0}
+@pytest.mark.parametrize(("drawn", "unit_shown", "joules"), [(20.0, "J", 1.0), (2000.0, "kJ", 1e3)])
+def test_energies_in_the_plots_are_those_of_the_table(flight: Mapping[str, Array], drawn: float, unit_shown: str,
+                                                      joules: float) -> None:
+    """The line ends at supplied less returned energy, and the bars show both, for a power of both signs."""
+    power = flight["power_w"] - flight["power_w"].mean() / 2.0
+    two_signs = {**flight, "power_w": power * drawn / (np.maximum(power, 0.0).sum() * 1e-3)}
     unit = Unit("EMCAS.fmu", "", "supply_pressure", 21e6, 0.0)
     results = Results(1e-3, {"gentle": {IDEAL: flown(Ideal()), HYDRAULIC: two_signs}}, MANOEUVRES,
                       units={HYDRAULIC: unit})
     found = figures(two_signs, 1e-3, {})
-    assert found["energy_returned_j"] > 1.0
+    assert found["energy_returned_j"] > 0.1
     with style():
         figure = kinds(results, "gentle").figure
     _, energy, _, share = figure.axes
     line: Any = energy.lines[0].get_ydata()
-    assert 1e3 * line[-1] == pytest.approx(found["energy_drawn_j"] - found["energy_returned_j"])
-    widths = sorted(1e3 * bar.get_width() for bar in share.patches)  # type: ignore[attr-defined]
+    assert joules * line[-1] == pytest.approx(found["energy_drawn_j"] - found["energy_returned_j"])
+    widths = sorted(joules * bar.get_width() for bar in share.patches)  # type: ignore[attr-defined]
     assert widths == pytest.approx([-found["energy_returned_j"], found["energy_drawn_j"]])
-    assert ["kJ" in words for words in (energy.get_ylabel(), share.get_xlabel())] == [True, True]
+    assert [f"[{unit_shown}]" in words for words in (energy.get_ylabel(), share.get_xlabel())] == [True, True]
     assert [label.get_text() for label in share.get_yticklabels()] == [f"{HYDRAULIC} (hydraulic)"]
 
 
