@@ -10,9 +10,9 @@ b acts only in contact. `motor.asymmetry` is the share of T_m that is lost in on
 brushes are off their neutral position; a motor that brakes loses nothing, or it would generate energy.
 
 C is the dry friction of the gear. It grows with T_l, the mean of the torques at motor and output; m is the share of T_l
-that is lost under a small torque, m + c the share under the stall torque and above. Duclusaud et al., "Extended friction models
-for the physics simulation of servo actuators" (2024), have friction that depends on load, with a Stribeck curve, but
-with coefficients for either end and another quadratic term.
+that is lost under a small torque, m + c the share under the stall torque and above. Duclusaud et al., "Extended
+friction models for the physics simulation of servo actuators" (2024), have friction that depends on load, with a
+Stribeck curve, but with coefficients for either end and another quadratic term.
 """
 
 from __future__ import annotations
