@@ -7,7 +7,7 @@
 T_s and w_0 are the stall torque and the no-load speed of the output at the voltage V_n without the gear's friction: a
 DC motor without inductance, whose constants and resistance follow from them (K_t = K_e = V_n/w_0, R = V_n^2/(T_s w_0)).
 b acts only in contact. `motor.asymmetry` is the share of T_m that is lost in one direction of the voltage, since
-brushes are off their neutral position; a motor that brakes loses nothing, or it would generate energy.
+brushes are off their neutral position. The same share of i is missing while the motor brakes, or it would create energy.
 
 C is the dry friction of the gear. It grows with T_l, the mean of the torques at motor and output; m is the share of T_l
 that is lost under a small torque, m + c the share under the stall torque and above. Duclusaud et al., "Extended
@@ -34,9 +34,16 @@ def _excess(ops: Ops, p: Any, x: Record, u: Record) -> Value:
                      - output_speed(p, x) / p.motor.no_load_speed, 0.0)
 
 
+def _share(ops: Ops, p: Any, u: Record) -> Value:
+    """Return the share [-] of the torque that is left in the present direction of the voltage."""
+    return ops.where(p.motor.asymmetry * u.reference < 0.0, 1.0 - ops.fabs(p.motor.asymmetry), 1.0)
+
+
 def current(ops: Ops, p: Any, x: Record, u: Record) -> Value:
     """Return the motor current [A]."""
-    return p.motor.stall_torque * p.motor.no_load_speed / p.motor.nominal_voltage * _excess(ops, p, x, u)
+    excess = _excess(ops, p, x, u)
+    share = ops.where(excess * u.reference < 0.0, _share(ops, p, u), 1.0)
+    return share * p.motor.stall_torque * p.motor.no_load_speed / p.motor.nominal_voltage * excess
 
 
 def voltage(ops: Ops, p: Any, x: Record, u: Record) -> Value:
@@ -47,9 +54,7 @@ def voltage(ops: Ops, p: Any, x: Record, u: Record) -> Value:
 
 def motor_torque(ops: Ops, p: Any, x: Record, u: Record) -> Value:
     """Return the motor's torque [N.m] at the output shaft; `u.reference` is the duty cycle."""
-    asymmetry, excess = p.motor.asymmetry, _excess(ops, p, x, u)
-    weaker = ops.both(asymmetry * u.reference < 0.0, excess * u.reference > 0.0)
-    return p.motor.stall_torque * excess * ops.where(weaker, 1.0 - ops.fabs(asymmetry), 1.0)
+    return p.motor.stall_torque * _excess(ops, p, x, u) * _share(ops, p, u)
 
 
 def windup(ops: Ops, p: Any, x: Record, u: Record) -> Value:

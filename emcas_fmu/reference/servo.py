@@ -85,9 +85,9 @@ class Servo(Actuator):
             return 0.0
         p, duty = self.p, around.reference
         lost = p["motor.asymmetry"]
-        excess = duty * around.supply / p["motor.nominal_voltage"] - y[SPEED] / self.ratio / p["motor.no_load_speed"]
-        share = 1.0 - abs(lost) if sign(lost) * sign(duty) < 0 < sign(duty) * excess else 1.0
-        return share * p["motor.stall_torque"] * excess
+        share = 1.0 - abs(lost) if sign(lost) * sign(duty) < 0 else 1.0
+        return share * p["motor.stall_torque"] * (duty * around.supply / p["motor.nominal_voltage"]
+                                                  - y[SPEED] / self.ratio / p["motor.no_load_speed"])
 
     def transmitted(self, y: State, contact: int) -> float:
         """Return the torque from the gear to the fin [N.m]."""
