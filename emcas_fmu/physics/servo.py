@@ -7,7 +7,7 @@
 T_s and w_0 are the stall torque and the no-load speed of the output at the voltage V_n without the gear's friction: a
 DC motor without inductance, whose constants and resistance follow from them (K_t = K_e = V_n/w_0, R = V_n^2/(T_s w_0)).
 b acts only in contact. `motor.asymmetry` is the share of T_m that is lost in one direction of the voltage, since
-brushes are off their neutral position. The same share of i is missing while the motor brakes, or it would create energy.
+brushes are off their neutral position. While the motor brakes, i lacks the same share, or energy would be created.
 
 C is the dry friction of the gear. It grows with T_l, the mean of the torques at motor and output; m is the share of T_l
 that is lost under a small torque, m + c the share under the stall torque and above. Duclusaud et al., "Extended
