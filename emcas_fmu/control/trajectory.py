@@ -85,7 +85,7 @@ def excess(ops: Ops, p: Any, motion: Motion, distance: Value) -> tuple[Value, Va
 
     The second result is the excess as a share of this travel [-], 0 at rest.
     """
-    limit, travel = p.trajectory.tracking_limit, p.controller.sample_time * motion.next_rate
+    limit, travel = p.trajectory.tracking_limit, motion.next_angle - motion.angle
     lost = ops.clip(distance - ops.clip(distance, -limit, limit), ops.minimum(travel, 0.0), ops.maximum(travel, 0.0))
     return lost, lost / ops.where(ops.equal(travel, 0.0), 1.0, travel)
 

@@ -102,6 +102,7 @@ def _sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
         slows = value_of(p, _INTEGRAL) > 0.0  # without integral a load leaves a steady error
         excess, lost = (ops.where(slows, value, 0.0) for value in trajectory.excess(
             ops, p, motion, followed - out["measured_fin_angle"]))
+    memory = ops.where(lost > _NONE, x.trajectory_memory, memory)  # that of a motion which the fin follows
     values = (trajectory.slowed(p, motion, excess), motion.acceleration, memory, lost)
     line = (motion.next_angle, *angles[:-1])
     moved = {**dict(zip(_RESTING, values, strict=True)),

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from emcas_fmu.actuators import NAMES, NONLINEAR, get
 from emcas_fmu.actuators.capabilities import POSITION_LOOP
+from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.control import trajectory
 from emcas_fmu.control.trajectory import Motion
 from emcas_fmu.ops.floats import FLOATS
@@ -146,6 +147,28 @@ def test_a_motion_slowed_down_by_a_load_reaches_its_command(load: str) -> None:
     """The final angle is the command, to the error at which dry friction stops the fin."""
     run = simulate(TWO.values, 3.0, model=MODEL, fin_command=_step(20.0), aero_torque=LOADS[load])
     assert degrees(run["fin_angle"][-1]) == pytest.approx(20.0, abs=0.02)
+
+
+@pytest.mark.parametrize("kind", others_slow(FED_FORWARD, lambda name: name == NONLINEAR))
+def test_no_overload_is_so_long_that_the_fin_does_not_return(kind: str) -> None:
+    """Feed-forward and motion do not run away while the load holds the fin."""
+    two = load_parameters(SET, model=kind)
+    load = 5.0 * load_requirements(None, two).rated_load
+    angle = radians(15.0)
+    run = simulate(two.values, 33.0, model=two.model, fin_command=-angle,
+                   aero_torque=lambda t: load if t < 30.0 else 0.0)
+    late = run["time"] > 32.0
+    assert np.max(np.abs(run["fin_angle"][late] + angle)) < radians(0.5)  # the servo keeps a static error
+
+
+@given(rate=st.floats(-5.0, 5.0), acceleration=st.floats(-300.0, 300.0), distance=st.floats(-1.0, 1.0))
+def test_a_motion_loses_at_most_its_travel(rate: float, acceleration: float, distance: float) -> None:
+    p, period = get(MODEL).namespace(TWO.values), TWO.values["controller.sample_time"]
+    after = rate + period * acceleration
+    travel = 0.5 * period * (rate + after)
+    lost, share = trajectory.excess(FLOATS, p, Motion(0.0, rate, acceleration, travel, after), distance)
+    assert 0.0 <= share <= 1.0
+    assert lost == pytest.approx(share * travel, rel=1e-12)  # rounding of the quotient
 
 
 @pytest.mark.parametrize("fault", ["jam", "brown_out", "drive_loss"])

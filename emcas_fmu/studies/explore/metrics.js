@@ -55,8 +55,13 @@ function hold({excitation: {time: rows}, outputs: {fin_angle: angle, motor_curre
         ripple: largest(held) - smallest(held),
     };
     if (!current) return figures;
-    const flowing = lastThird(...between(start, end, rows, current)), middle = mean(flowing);
-    return {...figures, current_ripple: rms(flowing.map(x => x - middle))};
+    const flowing = lastThird(...between(start, end, rows, current));
+    const seconds = Math.max(Math.floor(DATA.constants.HELD * (time[time.length - 1] - time[0]) + 1e-9), 1);
+    const length = Math.ceil(flowing.length / seconds), deviations = Array.from({length: seconds}, (_, k) => {
+        const second = flowing.subarray(k * length, (k + 1) * length), middle = mean(second);
+        return rms(second.map(x => x - middle));
+    });
+    return {...figures, current_ripple: largest(deviations)};
 }
 
 /** The figures of the last jump of the command. */
