@@ -42,12 +42,8 @@ class PlantFault:
 
         Its `changes` raise AttributeError for a parameter that the actuator does not have.
         """
-        def changes(ops: Ops, p: Any, amounts: Any) -> Mapping[str, Value]:
-            factor, values = getattr(amounts, amount.name), {name: value_of(p, name) for name in parameters}
-            return {name: tuple(factor * x for x in value) if isinstance(value, tuple) else factor * value
-                    for name, value in values.items()}
-
-        return cls(name, description, changes, (amount,), lasting)
+        return cls(name, description, lambda ops, p, amounts: scaled(p, getattr(amounts, amount.name), *parameters),
+                   (amount,), lasting)
 
     def __post_init__(self) -> None:
         for name in (self.name, *(v.name for v in self.amounts)):
@@ -57,6 +53,13 @@ class PlantFault:
         if reserved := [v.name for v in self.amounts if v.name in SCHEDULE]:
             raise EmcasError(f"fault {self.name}: every fault has a parameter {reserved[0]}; give the amount another "
                              "name")
+
+
+def scaled(p: Any, factor: Value, *names: str) -> Mapping[str, Value]:
+    """Return `factor` times the parameters with these dotted names; arrays element by element."""
+    values = {name: value_of(p, name) for name in names}
+    return {name: tuple(factor * x for x in value) if isinstance(value, tuple) else factor * value
+            for name, value in values.items()}
 
 
 def check_names(actuator: str, faults: Iterable[PlantFault]) -> None:

@@ -1,7 +1,9 @@
 """All faults: parameters, needs, when they are active, and what they change. Their order is that in `fault_word`.
 
 General faults come first, then those that an actuator declares for its kind
-(:class:`emcas_fmu.actuators.declaration.PlantFault`), which replace general faults of the same name.
+(:class:`emcas_fmu.actuators.declaration.PlantFault`), which replace general faults of the same name. A fault that only
+changes parameters of the plant is one entry of FAULTS. Other effects on the plant are functions below, whose argument
+`on` contains for each general fault, by name, whether it is active; a fault that the actuator lacks never is.
 """
 
 from __future__ import annotations
@@ -10,16 +12,16 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 from math import pi
-from typing import Any, NamedTuple
+from typing import Any
 
 from ..actuators import capabilities
-from ..actuators.declaration import Actuator, PlantFault, PlantInputs
+from ..actuators.declaration import Actuator, PlantFault, PlantInputs, State, Values
+from ..actuators.plant_fault import scaled
 from ..errors import EmcasError, location
 from ..namespace import Names, Record, value_of, with_values, with_values_where
 from ..ops.base import Ops, Value
 from ..physics import inverter, mechanics, winding
 from ..variables import Variable, in_group, tunable
-from .status import OPERATIONAL
 
 # Longest delay of a command, in sample times; each of them needs a state.
 LONGEST_COMMAND_DELAY = 50
@@ -27,22 +29,31 @@ MOST = 31  # largest number of flags in an Integer
 _SLACK = 1e-6  # of a sample time: rounding does not delay a fault that begins at a sample
 _HEAVY = 1e9  # kg.m2: the inertia of a blocked rotor or fin
 _LEAST_SUPPLY = 1e-9  # smallest share of the supply by which a power is divided: an ideal drive works even at 0 V
+_HINGE = (*mechanics.HINGE_VISCOUS, *mechanics.HINGE_DRY)
+_FRICTION = (*(f"friction.{kind}.{side}" for kind in ("coulomb", "viscous") for side in ("positive", "negative")),
+             *_HINGE)
 _STUB = 1e-3  # share of the fin's inertia that remains at a fork without fin: some actuators divide by this inertia
 
 
 @dataclass(frozen=True)
-class Fault:
-    """A general fault: its description and the parameters of its amounts.
+class Fault(PlantFault):
+    """A general fault.
 
     The actuator must provide one of the capabilities in `needs`, if there are any; for a fault `of_supply` it must have
-    a supply.
+    a supply. A fault `of_signals` acts in samples only: on commands, readings of the encoder, or the reference.
     """
 
-    name: str
-    description: str
-    amounts: tuple[Variable, ...] = ()
+    changes: Callable[[Ops, Any, Any], Values] = lambda ops, p, amounts: {}
     needs: tuple[str, ...] = ()
     of_supply: bool = False
+    of_signals: bool = False
+
+
+def _without_fin(ops: Ops, p: Any, amounts: Any) -> Values:
+    """Return the changed parameters of a drive that moves only a stub of the fin."""
+    bar = ("load.torsion_bar",) if p.structure.torsion_bar else ()
+    gone = ("inertia.shaft", "mass.fin", "mass.shaft", *_HINGE, *bar)
+    return {"inertia.fin": _STUB * p.inertia.fin, **dict.fromkeys(gone, 0.0)}
 
 
 FULL_REFERENCE: dict[str, Callable[[Any], Value]] = {
@@ -52,41 +63,46 @@ FULL_REFERENCE: dict[str, Callable[[Any], Value]] = {
 """The largest reference of the controllers, by the capability that names the quantity of the reference."""
 FAULTS = (
     Fault("jam", "the drive line is blocked"),
-    Fault("free_fin", "the shaft is broken between fork and fin, permanently: the fin floats",
-          needs=(capabilities.SCREW_DRIVE,)),
-    Fault("hard_over", "the controller puts out a constant", (
+    Fault("free_fin", "the shaft is broken between fork and fin, permanently: the fin floats", _without_fin,
+          needs=(capabilities.SCREW_DRIVE,), lasting=True),
+    Fault("hard_over", "the controller puts out a constant", amounts=(
         tunable("share", "1", -1.0, 1.0, "share of the largest reference that the controller puts out"),),
-        tuple(FULL_REFERENCE)),
+        needs=tuple(FULL_REFERENCE), of_signals=True),
     Fault("drive_loss", "the drive is off, and the controller does not notice"),
-    Fault("current_derating", "the drive lowers its current limit", (
-        tunable("share", "1", 0.0, 1.0, "remaining share of drive.current_limit"),),
-        (capabilities.CURRENT_LIMIT,)),
-    Fault("brown_out", "the supply sags", (
+    Fault("current_derating", "the drive lowers its current limit",
+          lambda ops, p, amounts: scaled(p, amounts.share, "drive.current_limit"), (
+              tunable("share", "1", 0.0, 1.0, "remaining share of drive.current_limit"),),
+          needs=(capabilities.CURRENT_LIMIT,)),
+    Fault("brown_out", "the supply sags", amounts=(
         tunable("share", "1", 0.0, 1.0, "remaining share of the supply"),), of_supply=True),
-    Fault("encoder_freeze", "the encoder counts no motion"),
-    Fault("encoder_bias", "the encoder reads too much", (
-        tunable("angle", "rad", -0.5, 0.5, "excess of the encoder's reading, as an angle of the fin"),)),
-    Fault("encoder_dropped", "the encoder misses counts of positive motion", (
-        tunable("share", "1", 0.0, 1.0, "share of the counts of positive motion that are missed"),)),
-    Fault("encoder_reversed", "the encoder counts backwards"),
-    Fault("command_freeze", "commands no longer arrive; the last one is held"),
-    Fault("command_delay", "commands arrive late", (
+    Fault("encoder_freeze", "the encoder counts no motion", of_signals=True),
+    Fault("encoder_bias", "the encoder reads too much", amounts=(
+        tunable("angle", "rad", -0.5, 0.5, "excess of the encoder's reading, as an angle of the fin"),),
+        of_signals=True),
+    Fault("encoder_dropped", "the encoder misses counts of positive motion", amounts=(
+        tunable("share", "1", 0.0, 1.0, "share of the counts of positive motion that are missed"),), of_signals=True),
+    Fault("encoder_reversed", "the encoder counts backwards", of_signals=True),
+    Fault("command_freeze", "commands no longer arrive; the last one is held", of_signals=True),
+    Fault("command_delay", "commands arrive late", amounts=(
         tunable("time", "s", 0.0, 5.0, "delay of commands, in whole samples, at most "
-                                       f"{LONGEST_COMMAND_DELAY} of them"),)),
-    Fault("friction_rise", "friction at motor and fin rises", (
-        tunable("factor", "1", 1.0, 1e4, "factor by which friction rises"),),
-        (capabilities.SCREW_DRIVE,)),
-    Fault("backlash_growth", "the gap in the drive line grows permanently by wear", (
-        tunable("gap", "m", 0.0, 0.01, "growth of the gap"),),
-        (capabilities.BACKLASH,)),
-    Fault("winding_short", "the motor's terminals are shorted, and the controller does not notice", (
+                                       f"{LONGEST_COMMAND_DELAY} of them"),), of_signals=True),
+    Fault("friction_rise", "friction at motor and fin rises",
+          lambda ops, p, amounts: scaled(p, amounts.factor, *_FRICTION), (
+              tunable("factor", "1", 1.0, 1e4, "factor by which friction rises"),),
+          needs=(capabilities.SCREW_DRIVE,)),
+    Fault("backlash_growth", "the gap in the drive line grows permanently by wear",
+          lambda ops, p, amounts: {"drive_line.backlash": p.drive_line.backlash + amounts.gap}, (
+              tunable("gap", "m", 0.0, 0.01, "growth of the gap"),),
+          needs=(capabilities.BACKLASH,), lasting=True),
+    Fault("winding_short", "the motor's terminals are shorted, and the controller does not notice", amounts=(
         tunable("pole_pairs", "1", 0.0, 1e3, "pole pairs of the motor (0: its inductance has no effect)"),),
-        (capabilities.PHASES,)),
-    Fault("phase_loss", "a phase of the motor is open, and the controller does not notice", (
+        needs=(capabilities.PHASES,)),
+    Fault("phase_loss", "a phase of the motor is open, and the controller does not notice", amounts=(
         tunable("pole_pairs", "1", 1.0, 1e3, "pole pairs of the motor"),
         tunable("angle", "rad", -pi, pi, "motor angle at which there is no torque")),
-        (capabilities.PHASES,)),
+        needs=(capabilities.PHASES,)),
 )
+"""The general faults. A new one is appended: the bits of those before it do not move."""
 
 
 def general(actuator: Actuator) -> tuple[Fault, ...]:
@@ -97,9 +113,9 @@ def general(actuator: Actuator) -> tuple[Fault, ...]:
                  and (not fault.of_supply or actuator.supply is not None))
 
 
-def possible(actuator: Actuator) -> tuple[Fault | PlantFault, ...]:
+def possible(actuator: Actuator) -> tuple[PlantFault, ...]:
     """Return the faults an actuator can have, in the order of their bits."""
-    faults: tuple[Fault | PlantFault, ...] = (*general(actuator), *actuator.faults)
+    faults: tuple[PlantFault, ...] = (*general(actuator), *actuator.faults)
     by_name = {fault.name: fault for fault in faults}
     return tuple(by_name[name] for name in bits(actuator) if name in by_name)
 
@@ -109,7 +125,7 @@ def bits(actuator: Actuator) -> tuple[str, ...]:
 
     Raises EmcasError for more faults than bits.
     """
-    faults: tuple[Fault | PlantFault, ...] = (*FAULTS, *actuator.faults)
+    faults: tuple[PlantFault, ...] = (*FAULTS, *actuator.faults)
     names = tuple(dict.fromkeys(fault.name for fault in faults))
     if len(names) > MOST:
         raise EmcasError(f"actuator {actuator.name}: {len(actuator.faults)} faults are declared; fault_word has room "
@@ -117,7 +133,7 @@ def bits(actuator: Actuator) -> tuple[str, ...]:
     return names
 
 
-def parameters(fault: Fault | PlantFault) -> tuple[Variable, ...]:
+def parameters(fault: PlantFault) -> tuple[Variable, ...]:
     """Return the parameters of a fault: its switch, its schedule and its amounts."""
     return in_group(
         f"fault.{fault.name}",
@@ -128,12 +144,28 @@ def parameters(fault: Fault | PlantFault) -> tuple[Variable, ...]:
         *fault.amounts)
 
 
-def active(ops: Ops, p: Any, faults: Iterable[Fault | PlantFault], time: Value) -> dict[str, Value]:
-    """Return by name whether each fault is active in a sample at `time` [s]: switched on or scheduled."""
+def state(fault: PlantFault) -> State:
+    """Return the state of a fault of the plant: 1 while it is active. Samples set it, steps and samples read it."""
+    return State(f"plant_fault_{fault.name}")
+
+
+def active(ops: Ops, p: Any, x: Record, faults: Iterable[PlantFault], time: Value) -> dict[str, Value]:
+    """Return by name whether each fault is active in a sample at `time` [s]: switched on or scheduled.
+
+    A lasting fault that was active in the last sample remains active.
+    """
     instant = time + _SLACK * p.controller.sample_time
-    named = ((fault.name, getattr(p.fault, fault.name)) for fault in faults)
-    return {name: ops.either(fault.active, ops.both(instant >= fault.begin, instant < fault.end))
-            for name, fault in named}
+
+    def is_active(fault: PlantFault, switch: Any) -> Value:
+        on = ops.either(switch.active, ops.both(instant >= switch.begin, instant < switch.end))
+        return ops.either(on, getattr(x, state(fault).name) > 0.0) if fault.lasting else on
+
+    return {fault.name: is_active(fault, getattr(p.fault, fault.name)) for fault in faults}
+
+
+def of_plant(actuator: Actuator) -> tuple[PlantFault, ...]:
+    """Return the faults of an actuator's plant, each of which has a :func:`state`."""
+    return (*(fault for fault in general(actuator) if not fault.of_signals), *actuator.faults)
 
 
 def word(ops: Ops, names: tuple[str, ...], on: Mapping[str, Value]) -> Value:
@@ -142,69 +174,26 @@ def word(ops: Ops, names: tuple[str, ...], on: Mapping[str, Value]) -> Value:
                   (name for name in names if name in on), 0.0)
 
 
-class FaultStates(NamedTuple):
-    """States that samples set: `acting`, 1 if a fault of the plant is active; amounts of these faults; outputs."""
-
-    acting: Value
-    jam: Value
-    free: Value
-    lost: Value
-    current: Value
-    supply: Value
-    friction: Value
-    gap: Value
-    shorted: Value
-    phase: Value
-    faults: Value
-    built_in_test: Value
-    verdict: Value
-
-
-SOUND = FaultStates(0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, OPERATIONAL)
-
-
-def faulted(ops: Ops, p: Any, actuator: Actuator, f: FaultStates, declared: Mapping[str, Value], x: Record, h: Value
-            ) -> Any:
+def faulted(ops: Ops, p: Any, actuator: Actuator, on: Mapping[str, Value], active: Mapping[str, Value], x: Record,
+            h: Value) -> Any:
     """Return the parameters of the faulty plant for a step of `h` [s] from `x`.
 
-    `declared` contains, by name, a value above 0 for each active fault that the actuator declares.
+    `active` contains by name whether each fault of the plant is active, those that the actuator declares included.
     """
-    changes: dict[str, Value] = {}
+    q = changed(ops, p, general(actuator), on)
     if capabilities.SCREW_DRIVE in actuator.provides:
-        changes |= _of_screw_drive(ops, p, f)
-        if p.structure.torsion_bar:
-            changes["load.torsion_bar"] = ops.where(f.free > 0.0, 0.0, p.load.torsion_bar)
-    if capabilities.CURRENT_LIMIT in actuator.provides:
-        changes["drive.current_limit"] = f.current * p.drive.current_limit
-    if capabilities.BACKLASH in actuator.provides:
-        changes["drive_line.backlash"] = p.drive_line.backlash + f.gap
-    q = with_values(p, changes) if changes else p
+        q = with_values_where(ops, on["jam"], q, {"inertia.motor": _HEAVY})
     if capabilities.PHASES in actuator.provides:
-        q = _of_winding(ops, q, f, x, h)
-    for fault in actuator.faults:
-        q = _under(ops, q, fault, getattr(p.fault, fault.name), declared[fault.name] > 0.0)
-    return q
+        q = _of_winding(ops, q, on, x, h)
+    return changed(ops, q, actuator.faults, active)
 
 
-def _of_screw_drive(ops: Ops, p: Any, f: FaultStates) -> dict[str, Value]:
-    broken = f.free > 0.0
-    friction = p.friction
-    return {
-        "inertia.motor": ops.where(f.jam > 0.0, _HEAVY, p.inertia.motor),
-        "inertia.fin": ops.where(broken, _STUB, 1.0) * p.inertia.fin,
-        "inertia.shaft": ops.where(broken, 0.0, p.inertia.shaft),
-        "mass.fin": ops.where(broken, 0.0, p.mass.fin),
-        "mass.shaft": ops.where(broken, 0.0, p.mass.shaft),
-        "friction.coulomb.positive": tuple(f.friction * c for c in friction.coulomb.positive),
-        "friction.coulomb.negative": tuple(f.friction * c for c in friction.coulomb.negative),
-        "friction.viscous.positive": f.friction * friction.viscous.positive,
-        "friction.viscous.negative": f.friction * friction.viscous.negative,
-        **{name: ops.where(broken, 0.0, f.friction * value_of(p, name))
-           for name in (*mechanics.HINGE_VISCOUS, *mechanics.HINGE_DRY)},
-    }
+def changed(ops: Ops, p: Any, faults: Iterable[PlantFault], on: Mapping[str, Value]) -> Any:
+    """Return the plant's parameters as the active ones of `faults` change them, one after another."""
+    return reduce(lambda q, fault: _under(ops, q, fault, getattr(p.fault, fault.name), on[fault.name]), faults, p)
 
 
-def _of_winding(ops: Ops, p: Any, f: FaultStates, x: Record, h: Value) -> Any:
+def _of_winding(ops: Ops, p: Any, on: Mapping[str, Value], x: Record, h: Value) -> Any:
     """Return the plant's parameters with failed windings: shorted at the speed of `x`, or open at mid-step's angle.
 
     The speed at mid-step would need the torque of the step. The switches that short the terminals have no dead time;
@@ -214,14 +203,14 @@ def _of_winding(ops: Ops, p: Any, f: FaultStates, x: Record, h: Value) -> Any:
     angle = x.motor_angle + 0.5 * h * x.motor_speed - lost.angle
     in_series, without_switching = ({"inverter.dead_time": share * p.inverter.dead_time} if p.structure.inverter else {}
                         for share in (inverter.IN_SERIES, 0.0))
-    p = with_values_where(ops, f.phase > 0.0, p, {
+    p = with_values_where(ops, on["phase_loss"], p, {
         **winding.single_phase(ops, p, lost.pole_pairs, angle), **in_series})
-    return with_values_where(ops, f.shorted > 0.0, p, {
+    return with_values_where(ops, on["winding_short"], p, {
         **winding.shorted(p, short.pole_pairs, x.motor_speed), **without_switching})
 
 
 def _under(ops: Ops, p: Any, fault: PlantFault, amounts: Any, on: Value) -> Any:
-    """Return the plant's parameters under a fault of the actuator's declaration, if it is `on`, otherwise `p`."""
+    """Return the plant's parameters with the `changes` of a fault, if it is `on`, otherwise `p`."""
     before: dict[str, Value] = {}
 
     def acting() -> tuple[Value, ...]:
@@ -274,37 +263,43 @@ def blocked(ops: Ops, p: Any, actuator: Actuator, u: PlantInputs, jam: Value) ->
     return with_values(p, {"inertia.fin": ops.where(jam, _HEAVY, p.inertia.fin)}), u.replace(**still)
 
 
-def acting(ops: Ops, p: Any, actuator: Actuator, f: FaultStates, u: PlantInputs) -> PlantInputs:
+def acting(ops: Ops, p: Any, actuator: Actuator, on: Mapping[str, Value], u: PlantInputs) -> PlantInputs:
     """Return the inputs of the faulty plant: supply, bridge, loads, and the current limit without faults."""
     changes = {}
     if actuator.supply is not None:
-        changes["supply"] = f.supply * u.supply
-    changes["enabled"] = ops.either(ops.both(u.enabled, ops.negate(f.lost > 0.0)), f.shorted > 0.0)
+        changes["supply"] = share_of_supply(ops, p, on) * u.supply
+    changes["enabled"] = ops.either(ops.both(u.enabled, ops.negate(on["drive_loss"])), on["winding_short"])
     if capabilities.SCREW_DRIVE in actuator.provides:
-        changes["aero_torque"] = ops.where(f.free > 0.0, 0.0, u.aero_torque)
-        changes["alpha_x"] = ops.where(f.jam > 0.0, 0.0, u.alpha_x)  # a blocked rotor turns with the vehicle
+        changes["aero_torque"] = ops.where(on["free_fin"], 0.0, u.aero_torque)
+        changes["alpha_x"] = ops.where(on["jam"], 0.0, u.alpha_x)  # a blocked rotor turns with the vehicle
     if capabilities.CURRENT_LIMIT in actuator.provides:
         changes["rated_current_limit"] = p.drive.current_limit
     return u.replace(**changes)
 
 
-def at_line(ops: Ops, f: FaultStates, power: Value) -> Value:
-    """Return the power [W] from the supply for the `power` [W] that an actuator consumes behind a brown-out's drop.
+def share_of_supply(ops: Ops, p: Any, on: Mapping[str, Value]) -> Value:
+    """Return the share of the supply that a brown-out leaves; 1 without one."""
+    active = on["brown_out"]
+    return 1.0 if active is False else ops.where(active, p.fault.brown_out.share, 1.0)
 
-    Current or flow is the same on both sides of the drop, which dissipates the difference. Power that the actuator
-    returns reaches the supply unchanged.
+
+def at_line(ops: Ops, share: Value, power: Value) -> Value:
+    """Return the power [W] from the supply for the `power` [W] that an actuator consumes at a `share` of the supply.
+
+    Current or flow is the same on both sides of a brown-out's drop, which dissipates the difference. Power that the
+    actuator returns reaches the supply unchanged.
     """
-    consumes = ops.both(power > 0.0, f.supply > 0.0)
-    return ops.branch(consumes, lambda: (power / ops.maximum(f.supply, _LEAST_SUPPLY),), lambda: (power,))[0]
+    consumes = ops.both(power > 0.0, share > 0.0)
+    return ops.branch(consumes, lambda: (power / ops.maximum(share, _LEAST_SUPPLY),), lambda: (power,))[0]
 
 
-def returned_charge(ops: Ops, f: FaultStates, before: Value, after: Value) -> Value:
+def returned_charge(ops: Ops, share: Value, before: Value, after: Value) -> Value:
     """Return the charge [A.s] from the supply after a step, which changes it from `before` to `after` behind the drop.
 
     Returned power reaches the supply unchanged, as a smaller charge at a higher voltage.
     """
     gained = after - before
-    return before + ops.where(gained < 0.0, f.supply * gained, gained)
+    return before + ops.where(gained < 0.0, share * gained, gained)
 
 
 def standing(ops: Ops, actuator: Actuator, x: Record, jam: Value, then: Record | None = None) -> Record:
@@ -316,8 +311,8 @@ def standing(ops: Ops, actuator: Actuator, x: Record, jam: Value, then: Record |
     return x.replace(**changes)
 
 
-def without_loop(ops: Ops, actuator: Actuator, x: Record, f: FaultStates) -> Record:
+def without_loop(ops: Ops, actuator: Actuator, x: Record, on: Mapping[str, Value]) -> Record:
     """Return the states; with shorted terminals the integral of the current loop is 0."""
     if capabilities.PHASES not in actuator.provides:
         return x
-    return x.replace(drive_integral=ops.where(f.shorted > 0.0, 0.0, x.drive_integral))
+    return x.replace(drive_integral=ops.where(on["winding_short"], 0.0, x.drive_integral))

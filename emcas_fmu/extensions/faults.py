@@ -8,15 +8,15 @@ trajectories are those of the actuator, bit for bit. The encoder reads
 `moved` is the motion since the last sample, `gain` is 0 while the encoder is frozen, -1 while it is reversed, else 1;
 `share` is the lost part of the counts of positive motion. Motion that the encoder has missed remains missing, as in an
 incremental encoder. A jam blocks the rotor; behind an elastic drive line the fin may still move. A broken shaft
-(:mod:`emcas_fmu.physics.free_fin`) and a grown gap last until reset. The faults that an actuator declares for its kind
-(:class:`emcas_fmu.actuators.declaration.PlantFault`) change the plant's parameters from the sample with which they
-begin; their amounts may change between samples.
+(:mod:`emcas_fmu.physics.free_fin`) and a grown gap last until reset. Faults of the plant change its parameters from the
+sample with which they begin; their amounts may change between samples.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from itertools import combinations, product, starmap
 from typing import Any, NamedTuple
 
@@ -24,13 +24,13 @@ from ..actuators import capabilities, fin_port
 from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values
 from ..namespace import Record
 from ..ops.base import Ops, Value
-from ..physics import free_fin, kinematics, mechanics
+from ..physics import free_fin, kinematics
 from ..physics.loads import NONE
 from ..rules import SLACK, Rule, rule, when
 from ..variables import Variable, integer_output, with_outputs
 from . import fault_list, monitors
 from .declaration import Extension, also_read
-from .fault_list import SOUND, FaultStates, acting, at_line, blocked, faulted, returned_charge, standing, without_loop
+from .fault_list import acting, at_line, blocked, faulted, returned_charge, share_of_supply, standing, without_loop
 from .pole_pairs import one_motor
 from .status import DISABLED, OPERATIONAL, STATUS
 
@@ -43,10 +43,9 @@ def _word(name: str, description: str, bits: tuple[str, ...]) -> Variable:
 FAULT_WORD = "fault_word"
 BUILT_IN_TEST = _word("built_in_test", "monitors tripped", tuple(monitor.name for monitor in monitors.MONITORS))
 _BROKEN = (State("fin_broken_off"), State("broken_fin_angle", "rad"), State("broken_fin_rate", "rad/s"))
-# Faults that change the plant while they are active; a broken shaft and a grown gap also change it afterwards.
-_OF_PLANT = ("jam", "free_fin", "drive_loss", "current_derating", "brown_out", "friction_rise", "winding_short",
-             "phase_loss")
-_FAULT_STATES = tuple(f"fault_{name}" for name in FaultStates._fields)
+# Set by samples, for steps and outputs: 1 if a fault of the plant is active; values of the outputs.
+_SAMPLED = (State("fault_acting"), State("fault_bits"), State("monitor_bits"),
+            State("fault_verdict", start=OPERATIONAL))
 _EARLIER_COMMANDS = tuple(f"command_{i + 1}_ago" for i in range(fault_list.LONGEST_COMMAND_DELAY))
 
 
@@ -77,12 +76,11 @@ def extend(actuator: Actuator) -> Actuator:
     faulty = _Faulty(actuator)
     word = _word(FAULT_WORD, "faults active", faulty.bits)
     sampled = (*_LAST_SAMPLE, *faulty.counters, *faulty.flags, *_EARLIER_COMMANDS)
-    sound = (State(name, start=value) for name, value in _named(_FAULT_STATES, SOUND).items())
     return replace(
         actuator, states=(*actuator.states, *faulty.broken),
         controllers_read=also_read(actuator, *faulty.read, "supply"),
         controller_states=(*actuator.controller_states, *map(State, sampled)),
-        sampled_states=(*actuator.sampled_states, *sound, *map(State, faulty.of_kind.values())),
+        sampled_states=(*actuator.sampled_states, *_SAMPLED, *map(fault_list.state, faulty.of_plant)),
         outputs=with_outputs(actuator.outputs, (STATUS, word, BUILT_IN_TEST)),
         initial=faulty.initial, sample=faulty.sample, step=faulty.step, output_values=faulty.output_values)
 
@@ -95,13 +93,12 @@ class _Faulty:
         # Behind a gear the encoder may be on motor or fin, and the fin may break off.
         self.geared = capabilities.SCREW_DRIVE in actuator.provides
         self.broken = _BROKEN if self.geared else ()
-        self.faults, self.watched = fault_list.general(actuator), monitors.possible(actuator)
-        self.bits = fault_list.bits(actuator)
+        self.faults, self.of_plant = fault_list.general(actuator), fault_list.of_plant(actuator)
+        self.bits, self.watched = fault_list.bits(actuator), monitors.possible(actuator)
         # States that samples read: for the encoder, the monitors and a fin that has broken off.
         self.read = (actuator.encoder[1], *(s.name for s in actuator.states if s.name == "motor_current"),
                      *(s.name for s in self.broken))
-        # Names of states: activity of each declared fault; counter and flag of each monitor.
-        self.of_kind = {fault.name: f"plant_fault_{fault.name}" for fault in actuator.faults}
+        # Names of states: counter and flag of each monitor.
         self.counters, self.flags = (tuple(f"{monitor.name}_{kind}" for monitor in self.watched)
                                      for kind in ("counter", "flag"))
 
@@ -114,21 +111,16 @@ class _Faulty:
         encoder_angle = self._encoder(ops, plant, actuator.position(ops, p, Record(**at_rest)))
         last = _LastSample(0.0, encoder_angle, 0.0, p.fin.start_angle, measured, measured)
         return {**at_rest, **_named(_LAST_SAMPLE, last), **dict.fromkeys(_EARLIER_COMMANDS, p.fin.start_angle),
-                **_named(_FAULT_STATES, SOUND)}
+                **{s.name: s.start for s in _SAMPLED}}
 
     def sample(self, ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
         """Return the result of a sample by name, with the states of faults and monitors."""
         actuator = self.actuator
         q = actuator.equation_parameters(ops, p)
-        last, before = _LastSample(*_of(x, _LAST_SAMPLE)), FaultStates(*_of(x, _FAULT_STATES))
-        earlier_commands = _of(x, _EARLIER_COMMANDS)
+        last, earlier_commands = _LastSample(*_of(x, _LAST_SAMPLE)), _of(x, _EARLIER_COMMANDS)
         time = last.samples * p.controller.sample_time
-        general = fault_list.active(ops, p, self.faults, time)
-        on = {**{fault.name: False for fault in fault_list.FAULTS}, **general}
-        declared = fault_list.active(ops, p, actuator.faults, time)
-        for fault in actuator.faults:
-            if fault.lasting:
-                declared[fault.name] = ops.either(declared[fault.name], getattr(x, self.of_kind[fault.name]) > 0.0)
+        active = fault_list.active(ops, p, x, (*self.faults, *actuator.faults), time)
+        on = self._general(active)
 
         angle, offset, position, as_read = self._seen(ops, p, x, inputs, last, on)
         delay = ops.floor(p.fault.command_delay.time / p.controller.sample_time + 0.5)
@@ -136,14 +128,7 @@ class _Faulty:
                              inputs.command)
         command = ops.where(on["command_freeze"], last.command, arriving)
 
-        now = self._amounts(ops, p, before, on)
-        acts = ops.either(before.free > 0.0, now.gap > 0.0)
-        for active in (*(on[name] for name in _OF_PLANT), *declared.values()):
-            acts = ops.either(acts, active)
-        permanent = {"free_fin": now.free > 0.0, "backlash_growth": now.gap > 0.0}
-        flagged = {**general, **{name: still for name, still in permanent.items() if name in general}, **declared}
-
-        supply = now.supply * inputs.supply
+        supply = fault_list.share_of_supply(ops, p, on) * inputs.supply
         sampled = actuator.sampled(ops, p, x.replace(**as_read),
                                    inputs.replace(command=command, supply=supply, position=position))
         reference = sampled["reference"]
@@ -163,17 +148,19 @@ class _Faulty:
         modelled = monitors.modelled(ops, p, monitors.response(p, actuator), measurements)
         counted, tripped = monitors.judged(ops, q, self.watched, modelled, _of(x, self.counters), _of(x, self.flags),
                                            measurements)
-        now = now._replace(acting=ops.where(acts, 1.0, 0.0), faults=fault_list.word(ops, self.bits, flagged),
-                           built_in_test=monitors.word(self.watched, tripped), verdict=monitors.verdict(ops, tripped))
+        of_plant = {fault_list.state(fault).name: active[fault.name] for fault in self.of_plant}
         this = _LastSample(last.samples + 1.0, angle, offset, command, sampled["measured_fin_angle"], modelled)
         return {**sampled, "reference": reference, **_named(_LAST_SAMPLE, this), **_named(self.counters, counted),
                 **_named(self.flags, tripped),
-                **_named(_EARLIER_COMMANDS, (inputs.command, *earlier_commands[:-1])), **_named(_FAULT_STATES, now),
-                **{self.of_kind[name]: ops.where(active, 1.0, 0.0) for name, active in declared.items()}}
+                **_named(_EARLIER_COMMANDS, (inputs.command, *earlier_commands[:-1])),
+                **{name: ops.where(acts, 1.0, 0.0) for name, acts in of_plant.items()},
+                "fault_acting": ops.where(reduce(ops.either, of_plant.values()), 1.0, 0.0),
+                "fault_bits": fault_list.word(ops, self.bits, active),
+                "monitor_bits": monitors.word(self.watched, tripped), "fault_verdict": monitors.verdict(ops, tripped)}
 
     def step(self, ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
         """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
-        actuator, f = self.actuator, FaultStates(*_of(u, _FAULT_STATES))
+        actuator = self.actuator
         names, broken = [s.name for s in actuator.states], [s.name for s in self.broken]
 
         def sound() -> tuple[Value, ...]:
@@ -181,38 +168,40 @@ class _Faulty:
             return *({**vars(x), **moved}[name] for name in (*names, *broken)), used
 
         def faulty() -> tuple[Value, ...]:
-            jam = f.jam > 0.0
-            q = actuator.plant_parameters(ops, p)
-            begun = without_loop(ops, actuator, standing(ops, actuator, x, jam), f)
-            under, around = blocked(ops, self._under(ops, q, f, u, begun, h), actuator, acting(ops, p, actuator, f, u),
-                                    jam)
+            active = self._active(u)
+            on = self._general(active)
+            q, jam = actuator.plant_parameters(ops, p), on["jam"]
+            begun = without_loop(ops, actuator, standing(ops, actuator, x, jam), on)
+            under, around = blocked(ops, faulted(ops, q, actuator, on, active, begun, h), actuator,
+                                    acting(ops, p, actuator, on, u), jam)
             moved, used = actuator.step(ops, under, begun, around, h)
             if "supply_charge" in moved:
-                moved = {**moved, "supply_charge": returned_charge(ops, f, x.supply_charge, moved["supply_charge"])}
+                moved = {**moved, "supply_charge": returned_charge(
+                    ops, share_of_supply(ops, p, on), x.supply_charge, moved["supply_charge"])}
             after = standing(ops, actuator, begun.replace(**moved), jam, begun)
-            free = ops.branch(f.free > 0.0, lambda: self._floating(ops, p, q, x, u, used),
+            free = ops.branch(on["free_fin"], lambda: self._floating(ops, p, q, on, x, u, used),
                               lambda: (0.0, 0.0, 0.0)) if self.geared else ()
             return *_of(after, names), *free, used
 
-        *moved, used = ops.branch(f.acting > 0.0, faulty, sound)
+        *moved, used = ops.branch(u.fault_acting > 0.0, faulty, sound)
         return _named((*names, *broken), moved), used
 
     def output_values(self, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         """Return the outputs, with those of faults and monitors."""
-        actuator, f = self.actuator, FaultStates(*_of(u, _FAULT_STATES))
-        q = actuator.plant_parameters(ops, p)
-        under, around = self._under(ops, q, f, u, x, 0.0), acting(ops, p, actuator, f, u)
-        outputs = dict(actuator.output_values(ops, under, without_loop(ops, actuator, x, f), around))
+        actuator, active = self.actuator, self._active(u)
+        q, on = actuator.plant_parameters(ops, p), self._general(active)
+        under, around = faulted(ops, q, actuator, on, active, x, 0.0), acting(ops, p, actuator, on, u)
+        outputs = dict(actuator.output_values(ops, under, without_loop(ops, actuator, x, on), around))
         if actuator.supply is not None:
             name = actuator.supply.power.name
-            outputs[name] = at_line(ops, f, outputs[name])
+            outputs[name] = at_line(ops, share_of_supply(ops, p, on), outputs[name])
         if self.geared:
             outputs |= _off_shaft(ops, q, x, u, outputs)
-        verdict = ops.where(u.enabled, f.verdict, DISABLED)
+        verdict = ops.where(u.enabled, u.fault_verdict, DISABLED)
         if self.has_status:
             status = self._status(ops, p, x, u)
             verdict = ops.where(ops.equal(status, OPERATIONAL), verdict, status)
-        return {**outputs, STATUS.name: verdict, FAULT_WORD: f.faults, BUILT_IN_TEST.name: f.built_in_test}
+        return {**outputs, STATUS.name: verdict, FAULT_WORD: u.fault_bits, BUILT_IN_TEST.name: u.monitor_bits}
 
     def _encoder(self, ops: Ops, p: Any, angle: Value) -> Value:
         """Return the angle [rad] of the shaft with the encoder of position, from the actuator's `angle` [rad]."""
@@ -252,37 +241,26 @@ class _Faulty:
                       for name, counted in as_read.items()}
         return angle, offset, position, as_read
 
-    def _amounts(self, ops: Ops, p: Any, before: FaultStates, on: Mapping[str, Value]) -> FaultStates:
-        """Return the amounts of the plant's faults from this sample on; `before` are the amounts of the last sample."""
-        def amount(fault: str, name: str, without: float) -> Value:
-            active = on[fault]
-            return without if active is False else ops.where(active, getattr(getattr(p.fault, fault), name), without)
+    def _active(self, u: PlantInputs) -> Mapping[str, Value]:
+        """Return by name whether each fault of the plant is active."""
+        return {fault.name: getattr(u, fault_list.state(fault).name) > 0.0 for fault in self.of_plant}
 
-        grows = capabilities.BACKLASH in self.actuator.provides
-        return SOUND._replace(
-            jam=ops.where(on["jam"], 1.0, 0.0),
-            free=ops.where(ops.either(on["free_fin"], before.free > 0.0), 1.0, 0.0) if self.geared else 0.0,
-            lost=ops.where(on["drive_loss"], 1.0, 0.0), current=amount("current_derating", "share", 1.0),
-            supply=amount("brown_out", "share", 1.0), friction=amount("friction_rise", "factor", 1.0),
-            gap=ops.maximum(before.gap, amount("backlash_growth", "gap", 0.0)) if grows else 0.0,
-            shorted=ops.where(on["winding_short"], 1.0, 0.0), phase=ops.where(on["phase_loss"], 1.0, 0.0))
+    def _general(self, active: Mapping[str, Value]) -> Mapping[str, Value]:
+        """Return by name whether each general fault is active; one that the actuator lacks or replaces never is."""
+        return {**{fault.name: False for fault in fault_list.FAULTS},
+                **{fault.name: active[fault.name] for fault in self.faults if fault.name in active}}
 
     def _status(self, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Value:
         """Return the status of the actuator without faults, which does not show a bridge that a fault opens."""
         return self.actuator.plant_outputs(ops, p, x, u)[STATUS.name] if self.has_status else OPERATIONAL
 
-    def _under(self, ops: Ops, q: Any, f: FaultStates, u: PlantInputs, x: Record, h: Value) -> Any:
-        """Return the plant's parameters `q` with the active faults for a step of `h` [s] from `x`."""
-        declared = {name: getattr(u, state) for name, state in self.of_kind.items()}
-        return faulted(ops, q, self.actuator, f, declared, x, h)
-
-    def _floating(self, ops: Ops, p: Any, q: Any, x: Record, u: PlantInputs, used: Value) -> tuple[Value, ...]:
+    def _floating(self, ops: Ops, p: Any, q: Any, on: Mapping[str, Value], x: Record, u: PlantInputs, used: Value
+                  ) -> tuple[Value, ...]:
         """Return 1 (the fin is broken off), and its angle [rad] and rate [rad/s] after `used` [s]."""
-        f = FaultStates(*_of(u, _FAULT_STATES))
-        rubbing = mechanics.with_hinge_friction(q, f.friction)
+        q = fault_list.changed(ops, q, (fault for fault in self.faults if fault.name != "free_fin"), on)
         now = self.actuator.plant_outputs(ops, p, x, u)
         whole = ops.equal(x.fin_broken_off, 0.0)
-        return 1.0, *free_fin.advance(ops, rubbing, ops.where(whole, now["fin_angle"], x.broken_fin_angle),
+        return 1.0, *free_fin.advance(ops, q, ops.where(whole, now["fin_angle"], x.broken_fin_angle),
                                       ops.where(whole, now["fin_rate"], x.broken_fin_rate), u, used)
 
 
