@@ -102,7 +102,7 @@ FAULTS = (
         tunable("angle", "rad", -pi, pi, "motor angle at which there is no torque")),
         needs=(capabilities.PHASES,)),
 )
-"""The general faults. A new one is appended: the bits of those before it do not move."""
+"""The general faults. A new one is appended: this moves only the bits of the faults that actuators declare."""
 
 
 def general(actuator: Actuator) -> tuple[Fault, ...]:
@@ -115,8 +115,7 @@ def general(actuator: Actuator) -> tuple[Fault, ...]:
 
 def possible(actuator: Actuator) -> tuple[PlantFault, ...]:
     """Return the faults an actuator can have, in the order of their bits."""
-    faults: tuple[PlantFault, ...] = (*general(actuator), *actuator.faults)
-    by_name = {fault.name: fault for fault in faults}
+    by_name: dict[str, PlantFault] = {fault.name: fault for fault in (*general(actuator), *actuator.faults)}
     return tuple(by_name[name] for name in bits(actuator) if name in by_name)
 
 

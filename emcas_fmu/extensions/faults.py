@@ -256,7 +256,10 @@ class _Faulty:
 
     def _floating(self, ops: Ops, p: Any, q: Any, on: Mapping[str, Value], x: Record, u: PlantInputs, used: Value
                   ) -> tuple[Value, ...]:
-        """Return 1 (the fin is broken off), and its angle [rad] and rate [rad/s] after `used` [s]."""
+        """Return 1 (the fin is broken off), and its angle [rad] and rate [rad/s] after `used` [s].
+
+        The other general faults `on` also act on the fin, such as a rise of friction.
+        """
         q = fault_list.changed(ops, q, (fault for fault in self.faults if fault.name != "free_fin"), on)
         now = self.actuator.plant_outputs(ops, p, x, u)
         whole = ops.equal(x.fin_broken_off, 0.0)

@@ -13,6 +13,7 @@ from emcas_fmu.actuators.capabilities import BACKLASH
 from emcas_fmu.extensions.fault_list import FAULTS, LONGEST_COMMAND_DELAY
 from emcas_fmu.extensions.status import OPERATIONAL
 from emcas_fmu.parameters import ParameterError, load_parameters
+from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate, simulate_fins
 from tests.default_actuator import EVERY
 from tests.marks import others_slow
@@ -34,6 +35,26 @@ IMPOSSIBLE = {
     "electrohydrostatic": {*WINDING, "backlash_growth", "free_fin", "friction_rise"},
     "electrohydraulic": {*WINDING, "backlash_growth", "current_derating", "free_fin", "friction_rise"},
     "second-order": {*WINDING, "backlash_growth", "current_derating", "brown_out", "free_fin", "friction_rise"}}
+
+# The bits of `fault_word`, the lowest first: a host reads them by number. A new general fault is the last of these, and
+# moves the bits of the faults that actuators declare, which follow.
+GENERAL = ("jam", "free_fin", "hard_over", "drive_loss", "current_derating", "brown_out", "encoder_freeze",
+           "encoder_bias", "encoder_dropped", "encoder_reversed", "command_freeze", "command_delay", "friction_rise",
+           "backlash_growth", "winding_short", "phase_loss")
+OF_WORM = ("lost_lock", "dry_flanks")
+OF_CLUTCH = ("drag", "powder_loss", "coil_open", "coil_short", "overheating")
+OF_KIND = {
+    "worm-gear": OF_WORM, "worm-gear-elastic": OF_WORM, "clutch": (*OF_CLUTCH, "both_engaged"),
+    "series-clutch": (*OF_CLUTCH, "clutch_engaged"),
+    "servo": ("stripped_gear", "worn_gear", "demagnetised", "dry_gear"),
+    "electrohydrostatic": ("leakage", "reservoir_loss", "air", "relief_open", "bypass_open", "pump_seized"),
+    "electrohydraulic": ("silting", "internal_leakage", "air")}
+
+
+@pytest.mark.parametrize("model", NAMES)
+def test_bits_of_the_fault_word_keep_their_meaning(model: str) -> None:
+    (word,) = (v for v in get(f"{model}+faults").outputs if v.name == "fault_word")
+    assert word.bits == (*GENERAL, *OF_KIND.get(model, ()))
 
 
 @pytest.mark.parametrize("model", EVERY)
@@ -179,6 +200,23 @@ def test_backlash_growth_is_a_wider_gap() -> None:
 def test_a_grown_gap_does_not_heal() -> None:
     assert_equal(*(simulate(scheduled(ELASTIC, "backlash_growth", begin=0.02, end=end), 0.2, model=ELASTIC,
                             fin_command=wave) for end in (0.05, 1e9)))
+
+
+@pytest.mark.parametrize("amount", ["current_derating.share", "brown_out.share", "friction_rise.factor",
+                                    "backlash_growth.gap"])
+def test_a_changed_amount_acts_at_once(amount: str) -> None:
+    """Within a sample, during a slew in which the current is at its limit; only if the fault is active."""
+    outputs = {}
+    for active in (False, True):
+        p = load_parameters(model=ELASTIC).with_values({f"fault.{amount.split('.')[0]}.active": active})
+        core, other = (codegen.core(p.values, ELASTIC) for _ in range(2))
+        inputs = codegen.inputs_at_rest(0.3, 0.0, 39.0)
+        assert core.run(0.0202, inputs) == other.run(0.0202, inputs)
+        changed = p.with_values({f"fault.{amount}": 0.7 * p.values[f"fault.{amount}"]})
+        other.bind(codegen.bound(changed.values, ELASTIC))
+        outputs[active] = core.run(0.0208, inputs), other.run(0.0208, inputs)
+    assert outputs[False][0] == outputs[False][1]
+    assert outputs[True][0] != outputs[True][1]
 
 
 def test_loss_of_drive_is_an_open_bridge() -> None:
