@@ -14,7 +14,7 @@ from functools import reduce
 from math import pi
 from typing import Any
 
-from ..actuators import capabilities
+from ..actuators import as_built, capabilities
 from ..actuators.declaration import Actuator, PlantFault, PlantInputs, State, Values
 from ..actuators.plant_fault import scaled
 from ..errors import EmcasError, location
@@ -29,9 +29,7 @@ MOST = 31  # largest number of flags in an Integer
 _SLACK = 1e-6  # of a sample time: rounding does not delay a fault that begins at a sample
 _HEAVY = 1e9  # kg.m2: the inertia of a blocked rotor or fin
 _LEAST_SUPPLY = 1e-9  # smallest share of the supply by which a power is divided: an ideal drive works even at 0 V
-_HINGE = (*mechanics.HINGE_VISCOUS, *mechanics.HINGE_DRY)
-_FRICTION = (*(f"friction.{kind}.{side}" for kind in ("coulomb", "viscous") for side in ("positive", "negative")),
-             *_HINGE)
+_FRICTION = (*as_built.COULOMB.scales, *as_built.VISCOUS.scales)
 _STUB = 1e-3  # share of the fin's inertia that remains at a fork without fin: some actuators divide by this inertia
 
 
@@ -52,7 +50,7 @@ class Fault(PlantFault):
 def _without_fin(ops: Ops, p: Any, amounts: Any) -> Values:
     """Return the changed parameters of a drive that moves only a stub of the fin."""
     bar = ("load.torsion_bar",) if p.structure.torsion_bar else ()
-    gone = ("inertia.shaft", "mass.fin", "mass.shaft", *_HINGE, *bar)
+    gone = ("inertia.shaft", "mass.fin", "mass.shaft", *mechanics.HINGE_VISCOUS, *mechanics.HINGE_DRY, *bar)
     return {"inertia.fin": _STUB * p.inertia.fin, **dict.fromkeys(gone, 0.0)}
 
 
