@@ -1,19 +1,19 @@
 """The kinds of excitation: their fields, with units, limits and defaults, and their command and torque.
 
-Files, the explorer and the reference cases use these names. Campaigns accept every kind that moves the command,
-baselines the kinds that jump or sweep, requirements those that jump. A new kind is an entry of KINDS.
+Files, the explorer and the reference cases use these names, units and limits. Campaigns accept every kind that moves
+the command, baselines the kinds that jump or sweep, requirements those that jump. A new kind is an entry of KINDS.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from math import log, pi, radians
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import create_model
 
-from .parameters.schema import Table, kind_of
+from .parameters.schema import In, kind_of
 from .simulation import Array
 
 STEP = 1e-3  # s, time between rows
@@ -23,28 +23,46 @@ LOAD_RISE = 0.02  # s, time in which the torque rises; a jump would be an impact
 RATED = 100.0  # N.m, the load of the thesis's Table 2
 SWEEP = 0.5, 30.0  # Hz, first and last frequency
 FASTEST = 0.5 / STEP  # Hz, the highest frequency that rows can represent
+LONGEST = 300.0  # s, longest motion in a file: half a gigabyte of rows in a campaign
 OLD_WORDS: Mapping[str, str] = {"chirp": "sweep"}
 """Names of kinds in older files, with the present names."""
 
 
-class Field(NamedTuple):
-    """A field of an excitation: its unit, title, limits and default value."""
+@dataclass(frozen=True)
+class Field(In):
+    """A field of an excitation: its unit, limits, title and default value, and whether 0 is refused."""
 
-    unit: str
-    title: str
-    minimum: float
-    maximum: float
+    title: str = ""
     default: float | None = None
+    nonzero: bool = False
+
+    def limited(self, written: Any) -> float:
+        """Return the value of an entry [unit]. Raises ValueError beyond the limits, and for a time between rows."""
+        value = float(super().limited(written))
+        if self.nonzero and not value:
+            raise ValueError(f"must not be 0; give another {self.title.lower()}")
+        if self.unit == "s" and abs(value / STEP - round(value / STEP)) > 1e-6:
+            raise ValueError(f"must be a whole number of {STEP * 1e3:g} ms")
+        return value
+
+    @property
+    def definition(self) -> tuple[Any, Any]:
+        """The field in pydantic's model of a table: its type, and its default value if it has one."""
+        return Annotated[float, self], ... if self.nonzero or self.default is None else self.default
+
+    def within(self, longest: float) -> Field:
+        """Return the field with times of at most `longest` [s]."""
+        return replace(self, maximum=min(longest, self.maximum)) if self.unit == "s" else self
 
 
 FIELDS: Mapping[str, Field] = {
-    "amplitude": Field("rad", "Amplitude of the command", -pi, pi),
-    "frequency": Field("Hz", "Frequency", 1e-3, FASTEST, 5.0),
-    "low": Field("Hz", "Lowest frequency", 1e-3, FASTEST, SWEEP[0]),
-    "high": Field("Hz", "Highest frequency", 1e-3, FASTEST, SWEEP[1]),
-    "torque": Field("N.m", "Torque on the hinge", -1e6, 1e6, 0.0),
-    "duration": Field("s", "Duration", 0.01, 60.0),
-    "settle": Field("s", "Time at the starting end", STEP, 60.0, SETTLE)}
+    "amplitude": Field("rad", -pi, pi, title="Amplitude of the command"),
+    "frequency": Field("Hz", 1e-3, FASTEST, title="Frequency", default=5.0),
+    "low": Field("Hz", 1e-3, FASTEST, title="Lowest frequency", default=SWEEP[0]),
+    "high": Field("Hz", 1e-3, FASTEST, title="Highest frequency", default=SWEEP[1]),
+    "torque": Field("N.m", -1e6, 1e6, title="Torque on the hinge", default=0.0),
+    "duration": Field("s", 0.01, LONGEST, title="Duration"),
+    "settle": Field("s", STEP, LONGEST, title="Time at the starting end", default=SETTLE)}
 """The fields of excitations. The amplitude is a fin angle; the duration counts from the beginning of the motion."""
 
 
@@ -132,12 +150,3 @@ def motion_in(table: Any) -> str:
     if isinstance(table, Mapping) and table.get("kind") in tuple(OLD_WORDS):
         return OLD_WORDS[table["kind"]]
     return kind_of(table, MOTIONS)
-
-
-def schema(kind: str, types: Mapping[str, Any], base: type[Table] = Table, **more: Any) -> type[Any]:
-    """Return the pydantic model of a file's table for an excitation of a kind.
-
-    `types` are the definitions (type and default) of the fields that a study reads, `more` those of additional entries.
-    """
-    fields = {name: types[name] for name in KINDS[kind].fields if name in types}
-    return create_model(kind, __base__=base, kind=(str, ...), **fields, **more)

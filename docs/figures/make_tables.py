@@ -322,13 +322,13 @@ def requirements() -> str:
 
 def figures_of_tests() -> str:
     """Return the table of the kinds of excitation, with the figures of each."""
-    return markdown(("kind", "figures"), [(f"`{kind}`", ", ".join(f"`{name}`" for name in names))
-                                          for kind, names in TESTS.items()])
+    return markdown(("kind", "figures"), [(f"`{kind}`", ", ".join(f"`{name}`" for name in each.figures))
+                                          for kind, each in TESTS.items()])
 
 
 def figures() -> str:
     """Return the table of the figures that requirements may have, with unit and description."""
-    names = dict.fromkeys(name for each in TESTS.values() for name in each)
+    names = dict.fromkeys(name for each in TESTS.values() for name in each.figures)
     return markdown(("figure", "unit", "description"), [
         (f"`{name}`", {"": "", "1": "1 or %"}.get(FIGURES[name].unit, FIGURES[name].unit),
          FIGURES[name].title + (f" (needs `{FIGURES[name].needs[0]}`)" if FIGURES[name].needs[:1] not in (

@@ -111,6 +111,10 @@ class Excitation:
         spring = np.asarray(self.spring)
         return replace(self, columns=columns, spring=spring[runs] if spring.ndim else self.spring)
 
+    def placed(self) -> Excitation:
+        """Return the excitation with the fin placed where it is first commanded to: a slew begins at its end."""
+        return self.holding({COMMAND: np.append(self.command[1], self.command[1:])})
+
     def with_start_values(self, values: Mapping[str, Any]) -> Excitation:
         """Return the excitation with additional `start_values`."""
         return replace(self, start_values={**self.start_values, **values})
@@ -154,12 +158,12 @@ def motion(kind: str, amplitude: float, duration: float, torque: float = 0.0, se
         _above_zero("duration", duration)
         if not fields["low"] < fields["high"]:
             raise ArgumentError(f"the sweep's low = {fields['low']:g} Hz is not below its high = {fields['high']:g} Hz")
-    begin = settle if "settle" in each.fields else LEAD_IN
+    begin = settle if "settle" in each.options else LEAD_IN
     if begin < 0.0 or duration < 0.0:
         raise ArgumentError(f"a motion that begins at {begin:g} s and lasts {duration:g} s: neither may be negative")
     since = times(begin + duration, step) - begin
     columns = {COMMAND: each.command(since, amplitude, duration=duration, step=step, **fields)}
-    if "settle" in each.fields:
+    if "settle" in each.options:
         columns[COMMAND][0] = 0.0
     if torque:
         columns[LOAD] = each.torque(since, torque)

@@ -7,11 +7,11 @@ the same value wherever it is shown.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from math import degrees, isnan, nan
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from ..motions import MOTIONS, SETTLE, STEP
 from ..parameters import ParameterSet
 from ..simulation import Array
 from ..support import extras
-from .excitation import COMMAND, LOAD, Excitation, sine, slew_to, times
+from .excitation import COMMAND, LOAD, Excitation, sine, times
 from .excitation import motion as excited
 from .frequency_response import PURE, FrequencyResponse, fundamental_weights, swept
 from .metrics import FIGURES, MOTION, RESTING, USAGE, motion, rest, usage
@@ -32,10 +32,37 @@ _MARGINS = ("gain_margin", "phase_margin", "delay_margin")
 _BANDWIDTHS = ("bandwidth_3db", "bandwidth_90deg")
 _MOVES = tuple(dict.fromkeys((*MOTION, *USAGE)))
 _RESTS = tuple(dict.fromkeys((*RESTING, *USAGE)))
-KINDS: Mapping[str, tuple[str, ...]] = {
-    **{kind: _MOVES for kind, each in MOTIONS.items() if each.jumps}, "slew": (*_MOVES, "rate_asymmetry"),
-    "load": _RESTS, "release": _RESTS, "sine": _BANDWIDTHS, "linear": _MARGINS, "repeat": ("repeat_error",)}
-"""The figures of each kind of test."""
+
+
+class Kind(NamedTuple):
+    """A kind of test: the fields that it has in files, its figures, and a format of its description."""
+
+    fields: tuple[str, ...]
+    figures: tuple[str, ...]
+    words: str
+
+
+_FIELDS = {name: ("amplitude", "duration", *each.options, "supply") for name, each in MOTIONS.items() if each.jumps}
+KINDS: Mapping[str, Kind] = {
+    **{name: Kind(fields, _MOVES, f"{name} of {{size}}, both ways, over {{duration:g}} s{{load}}")
+       for name, fields in _FIELDS.items()},
+    # from rest at zero to amplitude, under a constant torque
+    "step": Kind(_FIELDS["step"], _MOVES, "step of {size}, both ways, held for {duration:g} s{load}"),
+    # from -amplitude, held for `settle`, to amplitude; the torque rises after the command
+    "slew": Kind(_FIELDS["slew"], (*_MOVES, "rate_asymmetry"),
+                 "slew from one side to the other, {size}, both ways, over {duration:g} s{load}"),
+    "load": Kind(("torque", "duration", "supply"), _RESTS,
+                 "{torque:g} N.m at once on a fin held at 0, both ways, for {duration:g} s"),
+    "release": Kind(("torque", "duration", "supply", "settle"), _RESTS,
+                    "{torque:g} N.m let go after {settle:g} s, both ways, over {duration:g} s"),
+    # bisection finds the frequency
+    "sine": Kind(("amplitude",), _BANDWIDTHS, "fundamental under sines of {size}"),
+    # the loop is broken at the drive's reference
+    "linear": Kind((), _MARGINS, "linear loop"),
+    # slews after use with this torque and a rest are compared with those of a fresh actuator
+    "repeat": Kind(("amplitude", "duration", "torque"), ("repeat_error",),
+                   "slew of ±{size} after one-sided cycles, stall, saturation, disabling and brown-out")}
+"""The kinds of tests of requirements."""
 BANDWIDTHS = 2.0, 60.0  # Hz, range of the search for a bandwidth
 GRID = tuple(np.geomspace(*BANDWIDTHS, 12).tolist())  # Hz; the interval that contains a bandwidth is bisected
 BISECTIONS = 6  # which locate a bandwidth within 3 parts in 1000
@@ -52,15 +79,7 @@ def bound(bandwidth: float) -> str:
 
 @dataclass(frozen=True)
 class Test:
-    """A test of a requirement, of one of these kinds:
-
-    step     from rest at zero to amplitude, under a constant torque
-    slew     from -amplitude, held for `settle`, to amplitude; the torque rises after the command
-    load     the torque is applied at once to a fin held at 0
-    release  the torque on a fin held at 0 is removed at once after `settle`
-    sine     sines of this amplitude; bisection finds the frequency
-    linear   the loop broken at the drive's reference
-    repeat   slews after use with this torque and a rest are compared with those of a fresh actuator
+    """A test of a requirement, of one of the KINDS.
 
     `amplitude` is in rad. `duration` [s] is that of the judged part; `settle` [s] is the time before it in a slew or
     release. `torque` [N.m] is positive in the direction of motion. `supply` is a share of the supply's start value.
@@ -83,17 +102,10 @@ class Test:
 
     def __str__(self) -> str:
         """The test in words."""
+        load = f", {'with' if self.torque > 0.0 else 'against'} {abs(self.torque):g} N.m" if self.torque else ""
+        supply = "" if self.supply == 1.0 else f", at {100.0 * self.supply:g} % of the supply"
         size = f"{degrees(self.amplitude):.4g} deg"
-        words = {**{kind: f"{kind} of {size}, both ways, over {self.duration:g} s" for kind in MOTIONS},
-                 "step": f"step of {size}, both ways, held for {self.duration:g} s",
-                 "slew": f"slew from one side to the other, {size}, both ways, over {self.duration:g} s",
-                 "load": f"{self.torque:g} N.m at once on a fin held at 0, both ways, for {self.duration:g} s",
-                 "release": f"{self.torque:g} N.m let go after {self.settle:g} s, both ways, over {self.duration:g} s",
-                 "sine": f"fundamental under sines of {size}", "linear": "linear loop",
-                 "repeat": f"slew of ±{size} after one-sided cycles, stall, saturation, disabling and brown-out"}
-        loaded = f", {'with' if self.torque > 0.0 else 'against'} {abs(self.torque):g} N.m"
-        return (words[self.kind] + (loaded if self.torque and self.kind in MOTIONS else "")
-                + ("" if self.supply == 1.0 else f", at {100.0 * self.supply:g} % of the supply"))
+        return KINDS[self.kind].words.format(size=size, load=load, **asdict(self)) + supply
 
 
 def obstacle(test: Test, figure: str, subject: Subject) -> str:
@@ -188,8 +200,7 @@ def _motion(test: Test, sign: float) -> Excitation:
         released = replace(applied, begin=applied.begin + test.settle)
         return released.holding({LOAD: np.where(released.judged(released.time), 0.0, applied.columns[LOAD])})
     if test.kind == "slew":
-        slew = slew_to(level, test.duration, torque, settle=test.settle)
-        return slew.holding({COMMAND: np.where(slew.judged(slew.time), level, -level)})  # -level from the first row
+        return excited("slew", level, test.duration, torque, test.settle).placed()
     return excited(test.kind, level, test.duration).holding({LOAD: torque})
 
 

@@ -7,25 +7,34 @@ its own file. A user's file replaces them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import degrees
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, PlainValidator, ValidationInfo, create_model, field_validator, model_validator
+from pydantic import Field, PlainValidator, ValidationInfo, field_validator, model_validator
 
-from .. import motions
 from ..errors import EmcasError
-from ..motions import RATED, SETTLE, STEP
+from ..motions import FIELDS, MOTIONS, RATED
 from ..parameters import ParameterSet, shipped_file
-from ..parameters.schema import In, Table, document, each, kind_of, misplaced, named, parameter_of, read, unknown
+from ..parameters.schema import (
+    In,
+    Table,
+    document,
+    each,
+    kind_of,
+    misplaced,
+    named,
+    parameter_of,
+    read,
+    table_of,
+    unknown,
+)
 from ..variables import Variable
 from .measure import BANDWIDTHS, KINDS, Test, obstacle
 from .metrics import FIGURES, shown, unit_of
 from .subject import COMMAND_RANGE, ParameterSubject, Subject
-
-_SHORTEST = 0.3  # s, shortest judged part of a test
 
 
 def _amplitude(entry: Any, info: ValidationInfo) -> float:
@@ -40,27 +49,15 @@ def _amplitude(entry: Any, info: ValidationInfo) -> float:
     return amplitude
 
 
-def _torque(entry: Any) -> float:
-    torque = float(In("N.m").number(entry))
-    if not torque:
-        raise ValueError("must not be 0; give a hinge moment such as 100 N.m")
-    return torque
-
-
-_AMPLITUDE: Any = (Annotated[float, PlainValidator(_amplitude)], ...)
-_TORQUE: Any = (Annotated[float, PlainValidator(_torque)], ...)
-_DURATION: Any = (Annotated[float, In("s", _SHORTEST, 100.0)], 0.6)
-_SETTLE: Any = (Annotated[float, In("s", STEP, 100.0)], SETTLE)
-_SUPPLY: Any = (Annotated[float, In("1", 0.1, 2.0)], 1.0)
-_MOTION: Mapping[str, Any] = {"amplitude": _AMPLITUDE, "duration": _DURATION, "settle": _SETTLE,
-                              "torque": (Annotated[float, In("N.m")], 0.0)}
-_LOAD: Mapping[str, Any] = {"torque": _TORQUE, "duration": _DURATION, "supply": _SUPPLY}
-_OTHERS: Mapping[str, Mapping[str, Any]] = {
-    "load": _LOAD, "release": {**_LOAD, "settle": _SETTLE}, "sine": {"amplitude": _AMPLITUDE}, "linear": {},
-    "repeat": {"amplitude": _AMPLITUDE, "duration": _DURATION, "torque": _TORQUE}}
+_MOTION: Mapping[str, Any] = {
+    "amplitude": (Annotated[float, PlainValidator(_amplitude)], ...),
+    "duration": replace(FIELDS["duration"], default=0.6).definition,
+    "torque": FIELDS["torque"].definition, "settle": FIELDS["settle"].definition,
+    "supply": (Annotated[float, In("1", 0.1, 2.0)], 1.0)}
+_LOAD: Mapping[str, Any] = {**_MOTION, "torque": replace(FIELDS["torque"], nonzero=True).definition}
 _TESTS: Mapping[str, type[Table]] = {
-    **{name: motions.schema(name, _MOTION, supply=_SUPPLY) for name, kind in motions.KINDS.items() if kind.jumps},
-    **{name: create_model(name, __base__=Table, kind=(str, ...), **fields) for name, fields in _OTHERS.items()}}
+    name: table_of(name, {each: (_MOTION if name in MOTIONS else _LOAD)[each] for each in kind.fields})
+    for name, kind in KINDS.items()}
 
 
 def _unit(figure: str) -> str:
@@ -78,7 +75,7 @@ def _limit(entry: Any, info: ValidationInfo) -> float:
     limit = float(In(_unit(info.data["figure"])).number(entry)) if "figure" in info.data else 1.0
     if limit <= 0.0:
         raise ValueError("must be above 0")
-    if info.data.get("figure") in KINDS["sine"] and not BANDWIDTHS[0] < limit < BANDWIDTHS[1]:
+    if info.data.get("figure") in KINDS["sine"].figures and not BANDWIDTHS[0] < limit < BANDWIDTHS[1]:
         raise ValueError("must be between {:g} and {:g} Hz, the range of measured bandwidths".format(*BANDWIDTHS))
     return limit
 
@@ -109,7 +106,7 @@ class Requirement(Table):
         if test is None and figure.count(".") == 2:
             return figure
         kinds = [test.kind] if test else list(KINDS)
-        available = list(dict.fromkeys(name for kind in kinds for name in KINDS[kind]))
+        available = list(dict.fromkeys(name for kind in kinds for name in KINDS[kind].figures))
         if figure not in available:
             raise ValueError(f"a {' or '.join(kinds)} test has no such figure; {unknown(figure, available)}")
         if "test" in info.data and test is None:

@@ -161,7 +161,7 @@ def judged(r: Requirement, figures: Sequence[Measured], subject: Subject) -> Jud
     clipped = r.test and r.test.amplitude > subject.command_limit * (1.0 + 1e-9)
     return Judged(**fixed, measured=worst.measured * factor,
                   note=f"commands are clipped to {degrees(subject.command_limit):.6g} deg" if clipped else "",
-                  beyond=r.figure in KINDS["sine"] and bool(bound(worst.measured)))
+                  beyond=r.figure in KINDS["sine"].figures and bool(bound(worst.measured)))
 
 
 def _why(r: Requirement, measured: float) -> str:

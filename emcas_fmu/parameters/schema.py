@@ -9,7 +9,7 @@ from math import inf
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationError, create_model, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
 
 from ..errors import EmcasError, hint, unreadable
@@ -47,6 +47,11 @@ class Table(BaseModel):
             problems = error.errors(include_url=False)
             raise failure([*(_worded(problem, list(cls.model_fields)) for problem in problems[:MOST_PROBLEMS]),
                            *(((), message, None) for message in further(problems))]) from error
+
+
+def table_of(kind: str, fields: Mapping[str, Any], base: type[Table] = Table) -> type[Any]:
+    """Return the model of tables of a kind, with definitions (type and default) of further `fields`."""
+    return create_model(kind, __base__=base, kind=(str, ...), **fields)
 
 
 def failure(problems: Iterable[tuple[Location, str, Any]]) -> ValidationError:

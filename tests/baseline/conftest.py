@@ -59,7 +59,7 @@ sample_time = "10 ms"
 fin_angle = "0.05 deg"
 [case.only]
 kind = "step"
-command = "5 deg"
+amplitude = "5 deg"
 duration = "0.3 s"
 """
 

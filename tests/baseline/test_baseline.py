@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from math import inf, nan
+from math import inf, nan, radians
 from pathlib import Path
 from typing import Any
 
@@ -172,8 +172,8 @@ def test_case_with_an_input_file_start_values_and_another_output(short: Path) ->
 def test_commands_are_reduced_to_the_range_when_recorded(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text('[command]\nlimit = "12 deg"\n')
     record(tmp_path, article="small.toml")
-    commands = {name: c.command for name, c in read(tmp_path / "baseline").case.items() if isinstance(c, Motion)}
-    assert (commands["large_step"], commands["step"]) == (12.0, -5.0)
+    amplitudes = {name: c.amplitude for name, c in read(tmp_path / "baseline").case.items() if isinstance(c, Motion)}
+    assert (amplitudes["large_step"], amplitudes["step"]) == (radians(12.0), radians(-5.0))
 
 
 def test_figures_of_a_fin_that_does_not_move_are_never(tmp_path: Path) -> None:

@@ -47,7 +47,7 @@ JUDGED: Mapping[str, str] = {
 def specification(model: str) -> str:
     """Return the text of a file of requirements with every figure of every kind of test."""
     lines = ["[cases.nominal]\n[cases.other]\n" + JUDGED[model]]
-    for kind, names in KINDS.items():
+    for kind, (_, names, _) in KINDS.items():
         for name in names:
             sense = "minimum" if FIGURES[name].bad < 0.0 else "maximum"
             settings = ", ".join(filter(None, (f'kind = "{kind}"', TESTS[kind])))

@@ -156,7 +156,8 @@ def requirement(folder: Path, test: str, figure: str, limit: str) -> Requirement
 @pytest.mark.parametrize("kind", KINDS)
 def test_range_of_each_setting_of_a_test(kind: str, tmp_path: Path) -> None:
     """Missing settings have the defaults of Test. The least and greatest value are accepted, values beyond refused."""
-    figure, unit = KINDS[kind][0], FIGURES[KINDS[kind][0]].unit
+    figure = KINDS[kind].figures[0]
+    unit = FIGURES[figure].unit
     required = {name: value for name, value in (("amplitude", radians(5.0)), ("torque", 50.0)) if name in HAS[kind]}
     texts = [f"kind = '{kind}'", *(REQUIRED[name] for name in required)]
 

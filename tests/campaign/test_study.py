@@ -167,7 +167,7 @@ duration = "0.2 s"
     ('kind = "step"', 'kind = "leap"', f"there is {', '.join(MOTIONS)}"),
     ('amplitude = "5 deg"', 'amplitude = "5 V"', "experiments.step.amplitude = 5 V"),
     ('amplitude = "5 deg"', 'amplitude = "50 deg"', "must be within"),
-    ('amplitude = "5 deg"', 'amplitude = "0 deg"', "other than 0"),
+    ('amplitude = "5 deg"', 'amplitude = "0 deg"', "must not be 0"),
     ('amplitude = "5 deg"', "", "amplitude is missing"),
     ('duration = "0.3 s"', 'duration = "0.3"', "has no unit"),
     ('duration = "0.3 s"', 'duration = "0.30005 s"', "whole number of 1 ms"),

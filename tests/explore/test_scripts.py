@@ -192,7 +192,8 @@ def every_figure(tmp_path: Path) -> Path:
     """A file with requirements for every figure of every test, in two cases."""
     entries = [f"[[requirements]]\nname = '{kind}_{k}_{figure}'\ntest = {test}\nfigure = '{figure}'\n{sense} = "
                f"'1 {metrics.FIGURES[figure].unit}'\n".replace("1 1", "1").replace("1 Hz", "10 Hz")
-               for kind, tests in TESTS.items() for k, test in enumerate(tests) for figure in measure.KINDS[kind]
+               for kind, tests in TESTS.items() for k, test in enumerate(tests)
+               for figure in measure.KINDS[kind].figures
                for sense in (["maximum"] if metrics.FIGURES[figure].bad > 0.0 else ["minimum"])]
     path = tmp_path / "mine.toml"
     path.write_text("[cases]\nweak = { 'motor.torque_constant' = '90 %' }\ncold = { 'friction.temperature' = "

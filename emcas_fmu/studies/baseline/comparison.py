@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass
-from math import copysign, degrees, inf, isnan
+from math import copysign, degrees, inf, isnan, radians
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from ...bench.subject import Identification, Subject, left_out
 from ...errors import EmcasError
 from ...support.progress import Progress, silent
 from .files import parsed, read_plan
-from .model import ALL, Baseline, output_units, rounded, start_entries, unit_of
+from .model import ALL, Baseline, Motion, output_units, rounded, start_entries, unit_of
 
 TEMPLATE = Path(__file__).parent / "default.toml"
 """File with the limits and cases of a new baseline."""
@@ -47,8 +47,8 @@ def first(subject: Subject) -> tuple[Baseline, list[str]]:
             omitted.append(f"case {name}: {why}")
             del written["case"][name]
             continue
-        if abs(command := getattr(case, "command", 0.0)) > most:
-            written["case"][name]["command"] = f"{copysign(most, command):.12g} deg"
+        if isinstance(case, Motion) and abs(case.amplitude) > radians(most) * (1.0 + 1e-9):
+            written["case"][name]["amplitude"] = f"{copysign(most, case.amplitude):.12g} deg"
         if torque := getattr(case, "torque", 0.0):
             written["case"][name]["torque"] = f"{copysign(rated, torque):g} N.m"
     return parsed(written, TEMPLATE, subject.model), omitted

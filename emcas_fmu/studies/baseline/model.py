@@ -6,26 +6,26 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from math import isfinite, nan, radians
+from math import isfinite, nan
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, PlainValidator, ValidationInfo, field_validator, model_validator
+from pydantic import AliasChoices, Field, PlainValidator, ValidationInfo, field_validator, model_validator
 
-from ... import motions
 from ...actuators import get
 from ...bench import metrics
 from ...bench.excitation import Excitation, csv_file, motion, reference_case
 from ...bench.frequency_response import sweep_response
-from ...bench.measure import Test, sweep_figures
-from ...bench.measure import excitation as tested
+from ...bench.measure import sweep_figures
 from ...bench.metrics import FIGURES, shown
 from ...bench.runs import Run
 from ...bench.subject import Subject
 from ...errors import EmcasError, hint
-from ...parameters.schema import In, Table, each, kind_of
+from ...motions import FIELDS, MOTIONS, STEP
+from ...motions import Field as Timed
+from ...parameters.schema import In, Table, each, kind_of, table_of
 from ...reference.files import supply_start
 from ...variables import Variable
 
@@ -92,10 +92,7 @@ def _entries(readers: Callable[[str], Mapping[str, Callable[[Any], Any]]]) -> Pl
 
 
 def _sample_time(written: Any) -> float:
-    time = float(In("s", 1e-3).limited(written))
-    if abs(time * 1e3 - round(time * 1e3)) > 1e-9:
-        raise ValueError("must be a whole number of ms")
-    return round(time, 9)
+    return round(Timed("s", STEP).limited(written), 9)
 
 
 def _figure(unit: str, written: Any) -> float:
@@ -153,7 +150,7 @@ class Case(Table):
     @property
     def sweeps(self) -> bool:
         """Whether the case is a sweep, which has bandwidths and no trajectory."""
-        return self.kind in motions.KINDS and motions.KINDS[self.kind].sweeps
+        return self.kind in MOTIONS and MOTIONS[self.kind].sweeps
 
     def inputs(self, folder: Path, subject: Subject) -> Excitation:
         """Return the inputs for a subject, without the values of `start`."""
@@ -179,30 +176,21 @@ def _kept(names: tuple[str, ...], figures: Mapping[str, float]) -> dict[str, flo
 
 
 class Motion(Case):
-    """A motion of the bench. In a slew a `torque` [N.m] rises with the command, as in requirements.
+    """A motion, also with the optional fields of its kind; older files call the `amplitude` [rad] `command`.
 
     The bandwidths of a sweep are measured with steady sines of its amplitude.
     """
 
-    command: Annotated[float, In("deg")]
-    duration: Annotated[float, In("s", 0.1, LONGEST)]
-
-    @field_validator("command")
-    @classmethod
-    def _moves(cls, command: float) -> float:
-        if not command:
-            raise ValueError("must not be 0: the fin would not move")
-        return command
+    amplitude: Annotated[float, replace(FIELDS["amplitude"], nonzero=True),
+                         Field(validation_alias=AliasChoices("amplitude", "command"))]
+    duration: Annotated[float, FIELDS["duration"].within(LONGEST)]
 
     def inputs(self, folder: Path, subject: Subject) -> Excitation:
-        torque = getattr(self, "torque", 0.0)
-        if self.kind == "slew":  # the fin is at the starting end from the first row on
-            return tested(Test("slew", radians(self.command), self.duration, torque), 1.0, subject)
-        return motion(self.kind, radians(self.command), self.duration, torque)
+        return motion(**self.model_dump(include={"kind", *MOTIONS[self.kind].fields})).placed()
 
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:
         if self.sweeps:
-            swept = sweep_figures(sweep_response(run), subject, abs(radians(self.command)), self.start)
+            swept = sweep_figures(sweep_response(run), subject, abs(self.amplitude), self.start)
             return _kept(_SWEPT, {**metrics.usage(run), **swept})
         return _kept(_MOTION, {**metrics.usage(run), **metrics.motion(run, -1)})
 
@@ -236,10 +224,10 @@ class Replay(Case):
         return replace(inputs, title=f"inputs of {self.file}")
 
 
-_FIELDS: Mapping[str, Any] = {"torque": (Annotated[float, In("N.m")], 0.0)}
-KINDS: Mapping[str, type[Case]] = {**{name: motions.schema(name, _FIELDS, Motion) for name, kind in
-                                      motions.KINDS.items() if kind.jumps or kind.sweeps},
-                                   "reference": Reference, "file": Replay}
+KINDS: Mapping[str, type[Case]] = {
+    **{name: table_of(name, {field: FIELDS[field].within(LONGEST).definition for field in kind.options}, Motion)
+       for name, kind in MOTIONS.items() if kind.jumps or kind.sweeps},
+    "reference": Reference, "file": Replay}
 
 
 def _cases(written: Any, info: ValidationInfo) -> dict[str, Case]:

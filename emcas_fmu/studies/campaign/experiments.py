@@ -20,19 +20,20 @@ from ...bench.metrics import FIGURES, Figure, leap_weights, leaping_power, usage
 from ...bench.metrics import motion as moved
 from ...bench.runs import Run
 from ...bench.subject import Subject, left_out
-from ...motions import KINDS, STEP
+from ...motions import FIELDS, KINDS, LONGEST, STEP
+from ...parameters.schema import In
 from ...simulation import Array
 
 REQUIREMENT = "requirement"  # begins the names of the requirements' columns; no experiment may have this name
-SAME = ""  # instead of a unit: the unit of the input
-PROFILES: Mapping[str, Mapping[str, str]] = {
+SAME, _TIME = None, In("s", -LONGEST, LONGEST)
+PROFILES: Mapping[str, Mapping[str, In | None]] = {
     "constant": {"value": SAME},
-    "step": {"before": SAME, "after": SAME, "at": "s"},
-    "window": {"value": SAME, "begin": "s", "end": "s", "outside": SAME},
-    "sine": {"amplitude": SAME, "frequency": "Hz", "offset": SAME},
-    "spring": {"stiffness": "N.m/rad", "offset": SAME},
+    "step": {"before": SAME, "after": SAME, "at": _TIME},
+    "window": {"value": SAME, "begin": _TIME, "end": _TIME, "outside": SAME},
+    "sine": {"amplitude": SAME, "frequency": FIELDS["frequency"], "offset": SAME},
+    "spring": {"stiffness": In("N.m/rad", -1e6, 1e6), "offset": SAME},  # its moment is computed once per row
 }
-"""Units of the fields of each kind of input profile."""
+"""Formats of the fields of each kind of input profile; SAME is that of the input."""
 OPTIONAL = ("before", "outside", "offset")  # fields whose default is the input's start value
 POWER = "supply_power"
 # Rows of power for each row of the other outputs: the drive has short transients after each sample of the controllers.

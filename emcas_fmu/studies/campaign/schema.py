@@ -8,31 +8,17 @@ from functools import partial
 from math import inf
 from typing import Annotated, Any
 
-from pydantic import PlainValidator, create_model
+from pydantic import PlainValidator
 
-from ... import motions
 from ...actuators import EXTENSIONS, NAMES, get, parts
 from ...bench.excitation import COMMAND, LOAD
 from ...errors import EmcasError, hint
-from ...motions import STEP
+from ...motions import FIELDS, KINDS, motion_in
 from ...parameters import ParameterSet
-from ...parameters.schema import In, Table, each, kind_of, leaves
+from ...parameters.schema import In, Table, each, kind_of, leaves, table_of
 from ...variables import Variable
 from .distributions import MOST_OUTSIDE, Factor, Value, distribution
-from .experiments import OPTIONAL, PROFILES, REQUIREMENT, SAME, Experiment, Profile
-
-LONGEST = 300.0  # s, longest experiment: half a gigabyte of rows
-# Limits of numbers with a unit other than the input's. Rows are 1 ms apart, and a spring's moment is computed once per
-# row: this limits frequency and stiffness.
-_OTHERS = {unit: In(unit, *limits)
-           for unit, limits in {"Hz": (1e-3, 500.0), "s": (-LONGEST, LONGEST), "N.m/rad": (-1e6, 1e6)}.items()}
-
-
-def _duration(written: Any) -> float:
-    duration = float(In("s", 0.1, LONGEST).limited(written))
-    if abs(duration / STEP - round(duration / STEP)) > 1e-6:
-        raise ValueError(f"must be a whole number of {STEP * 1e3:g} ms")
-    return duration
+from .experiments import OPTIONAL, PROFILES, REQUIREMENT, Experiment, Profile
 
 
 class _Follower(Table):
@@ -103,27 +89,20 @@ class Reader:
         kinds: Iterable[str] = [k for k in PROFILES if k != "spring" or name == LOAD]
         kind = kind_of(entry, ("constant", "step", "window") if inputs[name].kind == "Boolean" else kinds)
         profile = Profile(name, kind, f"{prefix}.{name}")
-        create_model("profile", __base__=Table, kind=(str, ...), **self._fields(
-            profile.prefix, name, PROFILES[kind])).model_validate(entry)
+        formats = {field: known or self._like(inputs[name], field) for field, known in PROFILES[kind].items()}
+        table_of("profile", self._fields(profile.prefix, formats)).model_validate(entry)
         if kind == "window":  # if only some samples end before they begin, only these fail
             (begin, _), (_, end) = (self._limits(f"{profile.prefix}.{side}") for side in ("begin", "end"))
             if end < begin:
                 raise ValueError(f"end = {end:g} s is before begin = {begin:g} s; write a later end")
         return profile
 
-    def _fields(self, prefix: str, name: str, units: Mapping[str, str]) -> dict[str, Any]:
-        """Return pydantic fields for a motion or profile of the input `name`; validating a field stores its number."""
-        return {field: (Annotated[Any, PlainValidator(partial(
-            self._keep, f"{prefix}.{field}", self._unit(name, field, unit)))], None if field in OPTIONAL else ...)
-            for field, unit in units.items()}
+    def _fields(self, prefix: str, formats: Mapping[str, In]) -> dict[str, Any]:
+        """Return pydantic fields for a motion or profile, from formats; validating a field stores its number."""
+        return {field: (Annotated[Any, PlainValidator(partial(self._keep, f"{prefix}.{field}", each))],
+                        None if field in OPTIONAL else ...) for field, each in formats.items()}
 
-    def _unit(self, name: str, field: str, unit: str) -> In:
-        variable = self._inputs[name]
-        if unit != SAME:
-            return _OTHERS[unit]
-        if name == COMMAND:
-            limit = float(self.base["command.limit"]) * (1.0 + 1e-9)
-            return In(variable.unit, -limit, limit)
+    def _like(self, variable: Variable, field: str) -> In:
         of_input = In.of(variable, float(self.base[variable.key]) if variable.key else None)
         return replace(of_input, minimum=-inf, maximum=inf) if field == "amplitude" else of_input
 
@@ -137,15 +116,14 @@ class Reader:
         """Return an experiment; its profiles replace the `common` profiles of the same inputs."""
         if "." in name or name == REQUIREMENT:
             raise ValueError(f"the name of an experiment must have no dot and must not be {REQUIREMENT}")
-        kind, prefix = motions.motion_in(entry), f"experiments.{name}"
-        units = {field: motions.FIELDS[field].unit for field in motions.KINDS[kind].shape}
-        numbers = self._fields(prefix, COMMAND, {"amplitude": SAME, **units})
-        numbers["duration"] = (Annotated[float, PlainValidator(_duration)], 1.0)
-        profiles = Annotated[Any, PlainValidator(partial(self.profiles, f"{prefix}.inputs"))]
-        table = motions.schema(kind, numbers, inputs=(profiles, {})).model_validate(entry)
-        if motions.KINDS[kind].jumps and self.numbers.get(f"{prefix}.amplitude") == 0.0:
-            raise ValueError(f"a {kind} needs an amplitude other than 0")
-        if motions.KINDS[kind].sweeps:
+        kind, prefix = motion_in(entry), f"experiments.{name}"
+        limit = float(self.base["command.limit"]) * (1.0 + 1e-9)
+        amplitude = replace(FIELDS["amplitude"], minimum=-limit, maximum=limit, nonzero=KINDS[kind].jumps)
+        fields = self._fields(prefix, {"amplitude": amplitude, **{each: FIELDS[each] for each in KINDS[kind].shape}})
+        fields["duration"] = replace(FIELDS["duration"], default=1.0).definition
+        fields["inputs"] = (Annotated[Any, PlainValidator(partial(self.profiles, f"{prefix}.inputs"))], {})
+        table = table_of(kind, fields).model_validate(entry)
+        if KINDS[kind].sweeps:
             (_, low), (high, _) = (self._limits(f"{prefix}.{side}", MOST_OUTSIDE) for side in ("low", "high"))
             if not low < high:
                 raise ValueError(f"low (at most {low:g} Hz) must be below high (at least {high:g} Hz)")

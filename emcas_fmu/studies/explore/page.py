@@ -48,12 +48,13 @@ _PROGRAM = ("actuator.js", "excitations.js", "metrics.js", "measure.js", "settin
             "judging.js")  # scripts that both the page and its worker run
 _SCRIPTS = ("plots.js", "results.js", "poles.js", "loop.js", "drives.js", "mechanism.js", "controls.js", "drawing.js",
             "page.js")
+_LONGEST = 60.0  # s, longest excitation
 _MOST_FIRST = 12  # largest number of parameters with sliders, for an actuator without gains
 _PLANE = ("motor_speed", "motor_torque")
 _HEADLINES = ("rise_time", "settling_time", "overshoot", "held_error", "peak_rate", "peak_current", "energy_drawn")
 _NO_LOOP = f"margins need {capabilities.POSITION_LOOP} and derivatives, which this actuator does not have"
 _CONSTANTS = {
-    "MOST_ROWS": 60_000,  # largest number of steps in a CSV file: one minute
+    "MOST_ROWS": round(_LONGEST / motions.STEP),  # largest number of steps in a CSV file
     **{name: getattr(measure, name) for name in ("BANDWIDTHS", "GRID", "BISECTIONS", "CYCLES", "FITTED", "TRANSIENT",
                                                  "LOOP_LOWEST", "LOOP_POINTS")},
     "STEP": motions.STEP, "LEAD_IN": motions.LEAD_IN, "ACCURACY": metrics.ACCURACY, "HELD": metrics.HELD, "PURE": PURE}
@@ -217,9 +218,11 @@ def _excitations(limit: float, torque: float, rated_load: float) -> dict[str, An
                     "fields": tuple(dict.fromkeys((*kind.fields, "torque")))}
              for name, kind in motions.KINDS.items() if kind.usual}
     ranges = {"amplitude": (-limit, limit), "frequency": motions.SWEEP, "torque": (-2.0 * rated_load, 2.0 * rated_load)}
-    fields = {**motions.FIELDS, "torque": motions.FIELDS["torque"]._replace(default=torque)}
+    fields = {**motions.FIELDS, "torque": replace(motions.FIELDS["torque"], default=torque)}
     return {"kinds": {**kinds, "csv": {"title": "Your CSV", "usual": {}, "fields": ("torque",)}},
-            "fields": [{**field._asdict(), "name": f"excitation.{name}", "kind": "Real", "shown": _shown(field.unit),
+            "fields": [{"unit": field.unit, "title": field.title, "minimum": field.minimum,
+                        "maximum": field.within(_LONGEST).maximum, "default": field.default,
+                        "name": f"excitation.{name}", "kind": "Real", "shown": _shown(field.unit),
                         "range": ranges.get(name), "value": field.default}
                        for name, field in fields.items()]}
 
