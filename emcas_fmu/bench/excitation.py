@@ -111,10 +111,6 @@ class Excitation:
         spring = np.asarray(self.spring)
         return replace(self, columns=columns, spring=spring[runs] if spring.ndim else self.spring)
 
-    def placed(self) -> Excitation:
-        """Return the excitation with the fin placed where it is first commanded to: a slew begins at its end."""
-        return self.holding({COMMAND: np.append(self.command[1], self.command[1:])})
-
     def with_start_values(self, values: Mapping[str, Any]) -> Excitation:
         """Return the excitation with additional `start_values`."""
         return replace(self, start_values={**self.start_values, **values})
@@ -140,12 +136,13 @@ def _above_zero(name: str, value: float | Array, limit: float = inf) -> None:
 
 @checked
 def motion(kind: str, amplitude: float, duration: float, torque: float = 0.0, settle: float = SETTLE,
-           step: float = STEP, **frequencies: float) -> Excitation:
+           step: float = STEP, first: float | None = 0.0, **frequencies: float) -> Excitation:
     """Return the excitation of a kind of `motions.KINDS`, with rows until `duration` [s] after its beginning.
 
     `amplitude` [rad] is that of the command, `torque` [N.m] acts about the hinge, and a slew is `settle` [s] at its
-    starting end. The kind's `frequencies` [Hz] are those of FIELDS by default. Raises ArgumentError for an unknown kind
-    or frequency, and for a value out of its range.
+    starting end. Its command in the `first` row [rad] is 0, with None that of the starting end. The kind's
+    `frequencies` [Hz] are those of FIELDS by default. Raises ArgumentError for an unknown kind or frequency, and for a
+    value out of its range.
     """
     if kind not in KINDS or not {*KINDS[kind].shape}.issuperset(frequencies):
         known = "; ".join(" ".join((name, *each.shape)) for name, each in KINDS.items())
@@ -163,8 +160,8 @@ def motion(kind: str, amplitude: float, duration: float, torque: float = 0.0, se
         raise ArgumentError(f"a motion that begins at {begin:g} s and lasts {duration:g} s: neither may be negative")
     since = times(begin + duration, step) - begin
     columns = {COMMAND: each.command(since, amplitude, duration=duration, step=step, **fields)}
-    if "settle" in each.options:
-        columns[COMMAND][0] = 0.0
+    if "settle" in each.options and first is not None:
+        columns[COMMAND][0] = first
     if torque:
         columns[LOAD] = each.torque(since, torque)
     size = degrees(amplitude)

@@ -200,7 +200,7 @@ def _motion(test: Test, sign: float) -> Excitation:
         released = replace(applied, begin=applied.begin + test.settle)
         return released.holding({LOAD: np.where(released.judged(released.time), 0.0, applied.columns[LOAD])})
     if test.kind == "slew":
-        return excited("slew", level, test.duration, torque, test.settle).placed()
+        return excited("slew", level, test.duration, torque, test.settle, first=None)
     return excited(test.kind, level, test.duration).holding({LOAD: torque})
 
 

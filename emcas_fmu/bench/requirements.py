@@ -18,19 +18,7 @@ from pydantic import Field, PlainValidator, ValidationInfo, field_validator, mod
 from ..errors import EmcasError
 from ..motions import FIELDS, MOTIONS, RATED
 from ..parameters import ParameterSet, shipped_file
-from ..parameters.schema import (
-    In,
-    Table,
-    document,
-    each,
-    kind_of,
-    misplaced,
-    named,
-    parameter_of,
-    read,
-    table_of,
-    unknown,
-)
+from ..parameters.schema import In, Table, document, each, kind_of, misplaced, named, parameter_of, read, unknown
 from ..variables import Variable
 from .measure import BANDWIDTHS, KINDS, Test, obstacle
 from .metrics import FIGURES, shown, unit_of
@@ -56,7 +44,7 @@ _MOTION: Mapping[str, Any] = {
     "supply": (Annotated[float, In("1", 0.1, 2.0)], 1.0)}
 _LOAD: Mapping[str, Any] = {**_MOTION, "torque": replace(FIELDS["torque"], nonzero=True).definition}
 _TESTS: Mapping[str, type[Table]] = {
-    name: table_of(name, {each: (_MOTION if name in MOTIONS else _LOAD)[each] for each in kind.fields})
+    name: Table.of_kind(name, {each: (_MOTION if name in MOTIONS else _LOAD)[each] for each in kind.fields})
     for name, kind in KINDS.items()}
 
 

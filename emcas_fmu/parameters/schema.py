@@ -38,6 +38,11 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
 
+    @classmethod
+    def of_kind(cls, kind: str, fields: Mapping[str, Any]) -> type[Any]:
+        """Return the class of tables of a kind, with further fields, each defined by its type and default."""
+        return create_model(kind, __base__=cls, kind=(str, ...), **fields)
+
     @model_validator(mode="wrap")
     @classmethod
     def _in_words(cls, written: Any, handler: Any) -> Any:
@@ -47,11 +52,6 @@ class Table(BaseModel):
             problems = error.errors(include_url=False)
             raise failure([*(_worded(problem, list(cls.model_fields)) for problem in problems[:MOST_PROBLEMS]),
                            *(((), message, None) for message in further(problems))]) from error
-
-
-def table_of(kind: str, fields: Mapping[str, Any], base: type[Table] = Table) -> type[Any]:
-    """Return the model of tables of a kind, with definitions (type and default) of further `fields`."""
-    return create_model(kind, __base__=base, kind=(str, ...), **fields)
 
 
 def failure(problems: Iterable[tuple[Location, str, Any]]) -> ValidationError:

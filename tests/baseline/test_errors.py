@@ -65,6 +65,11 @@ def test_edited_case_must_be_recorded_again(short: Path) -> None:
     check(short)
 
 
+def test_older_file_calls_the_amplitude_command(short: Path) -> None:
+    edit(short / "baseline/baseline.toml", "amplitude =", "command =")
+    check(short)
+
+
 def test_error_names_missing_files(short: Path) -> None:
     (short / "baseline/only.csv").unlink()
     assert "only.csv: cannot be read: there is no such file" in check(short, code=2)
@@ -107,7 +112,10 @@ def test_baseline_of_one_fin_of_several(short: Path) -> None:
 @pytest.mark.fmu
 def test_run_that_ends_early_fails(short: Path, fmu: Path) -> None:
     """The FMU stops when a load of 1e300 N.m begins."""
-    edit(short / "baseline/baseline.toml", 'duration = "0.3 s"', 'duration = "0.3 s"\ntorque = "1e300 N*m"')
+    (short / "baseline/flight.csv").write_text("time,aero_torque\n0,0\n0.05,0\n0.07,1e300\n0.35,1e300\n")
+    file = short / "baseline/baseline.toml"
+    file.write_text(file.read_text().partition('kind = "step"')[0] + 'kind = "file"\nfile = "flight.csv"\n'
+                    '[case.only.figures]\npeak_angle = "5 deg"\n')
     printed = check(short, "--junit", short / "drift.xml", article=fmu, code=1)
     assert "1 of 1 cases did not run to the end" in printed
     assert "more than 500 events" in " ".join(printed.split())

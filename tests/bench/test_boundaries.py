@@ -137,7 +137,7 @@ def test_duration_of_the_history_of_use() -> None:
 
 # Setting of a test in a file of requirements: least and greatest value, how far beyond a value is refused, unit.
 SETTINGS: dict[str, tuple[float, float, float, str]] = {
-    "duration": (0.3, 100.0, 1e-4, "s"), "settle": (STEP, 100.0, 1e-6, "s"), "supply": (0.1, 2.0, 1e-4, "")}
+    "duration": (0.01, 300.0, STEP, "s"), "settle": (STEP, 300.0, STEP, "s"), "supply": (0.1, 2.0, 1e-4, "")}
 REQUIRED = {"amplitude": "amplitude = '5 deg'", "torque": "torque = '50 N.m'"}
 HAS = {"step": ("amplitude", "duration", "supply"), "slew": ("amplitude", "duration", "supply", "settle"),
        "load": ("torque", "duration", "supply"), "release": ("torque", "duration", "supply", "settle"),

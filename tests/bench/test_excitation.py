@@ -20,7 +20,7 @@ from emcas_fmu.bench.excitation import (
     sweep,
 )
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.motions import KINDS, LEAD_IN, LOAD_RISE, MOTIONS, SETTLE
+from emcas_fmu.motions import KINDS, LEAD_IN, LOAD_RISE, MOTIONS, SETTLE, STEP
 from emcas_fmu.reference.cases import CASES
 
 
@@ -132,6 +132,14 @@ def test_load_is_a_step_of_torque_on_a_fin_at_zero() -> None:
 def test_unknown_kind_or_frequency_is_refused(kind: str, frequencies: dict[str, float]) -> None:
     with pytest.raises(EmcasError, match="sine frequency; sweep low high"):
         motion(kind, 0.1, 0.5, **frequencies)
+
+
+@pytest.mark.parametrize("settle", [STEP, 0.2])
+def test_slew_begins_at_zero_or_at_its_starting_end(settle: float) -> None:
+    """A slew has one change of the command if its first row is at the starting end."""
+    from_zero, placed = (motion("slew", 0.1, 0.3, settle=settle, first=first).command for first in (0.0, None))
+    assert (from_zero[0], placed[0]) == (0.0, -0.1)
+    np.testing.assert_array_equal(from_zero[1:], placed[1:])
 
 
 def test_default_frequencies_are_those_of_the_kind() -> None:

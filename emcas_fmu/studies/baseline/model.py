@@ -24,8 +24,7 @@ from ...bench.runs import Run
 from ...bench.subject import Subject
 from ...errors import EmcasError, hint
 from ...motions import FIELDS, MOTIONS, STEP
-from ...motions import Field as Timed
-from ...parameters.schema import In, Table, each, kind_of, table_of
+from ...parameters.schema import In, Table, each, kind_of
 from ...reference.files import supply_start
 from ...variables import Variable
 
@@ -91,10 +90,6 @@ def _entries(readers: Callable[[str], Mapping[str, Callable[[Any], Any]]]) -> Pl
     return PlainValidator(read)
 
 
-def _sample_time(written: Any) -> float:
-    return round(Timed("s", STEP).limited(written), 9)
-
-
 def _figure(unit: str, written: Any) -> float:
     return nan if written == NEVER else float(In(unit).number(written))
 
@@ -102,8 +97,8 @@ def _figure(unit: str, written: Any) -> float:
 FigureLimits = Annotated[Mapping[str, Limit], _entries(
     lambda _: {name: partial(Limit.model_validate, context=In(unit_of(name), 0.0)) for name in ALL})]
 TrajectoryLimits = Annotated[Mapping[str, float], _entries(
-    lambda model: {"sample_time": _sample_time, **{name: In(unit, 0.0).limited
-                                                   for name, (unit, _) in output_units(model).items()}})]
+    lambda model: {"sample_time": replace(FIELDS["duration"], minimum=STEP).limited,
+                   **{name: In(unit, 0.0).limited for name, (unit, _) in output_units(model).items()}})]
 Figures = Annotated[Mapping[str, float], _entries(
     lambda _: {name: partial(_figure, unit_of(name)) for name in ALL})]
 StartValues = Annotated[Mapping[str, Any], _entries(
@@ -186,7 +181,7 @@ class Motion(Case):
     duration: Annotated[float, FIELDS["duration"].within(LONGEST)]
 
     def inputs(self, folder: Path, subject: Subject) -> Excitation:
-        return motion(**self.model_dump(include={"kind", *MOTIONS[self.kind].fields})).placed()
+        return motion(**self.model_dump(include={"kind", *MOTIONS[self.kind].fields}), first=None)
 
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:
         if self.sweeps:
@@ -225,7 +220,7 @@ class Replay(Case):
 
 
 KINDS: Mapping[str, type[Case]] = {
-    **{name: table_of(name, {field: FIELDS[field].within(LONGEST).definition for field in kind.options}, Motion)
+    **{name: Motion.of_kind(name, {field: FIELDS[field].within(LONGEST).definition for field in kind.options})
        for name, kind in MOTIONS.items() if kind.jumps or kind.sweeps},
     "reference": Reference, "file": Replay}
 

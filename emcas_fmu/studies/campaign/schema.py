@@ -15,7 +15,7 @@ from ...bench.excitation import COMMAND, LOAD
 from ...errors import EmcasError, hint
 from ...motions import FIELDS, KINDS, motion_in
 from ...parameters import ParameterSet
-from ...parameters.schema import In, Table, each, kind_of, leaves, table_of
+from ...parameters.schema import In, Table, each, kind_of, leaves
 from ...variables import Variable
 from .distributions import MOST_OUTSIDE, Factor, Value, distribution
 from .experiments import OPTIONAL, PROFILES, REQUIREMENT, Experiment, Profile
@@ -90,7 +90,7 @@ class Reader:
         kind = kind_of(entry, ("constant", "step", "window") if inputs[name].kind == "Boolean" else kinds)
         profile = Profile(name, kind, f"{prefix}.{name}")
         formats = {field: known or self._like(inputs[name], field) for field, known in PROFILES[kind].items()}
-        table_of("profile", self._fields(profile.prefix, formats)).model_validate(entry)
+        Table.of_kind("profile", self._fields(profile.prefix, formats)).model_validate(entry)
         if kind == "window":  # if only some samples end before they begin, only these fail
             (begin, _), (_, end) = (self._limits(f"{profile.prefix}.{side}") for side in ("begin", "end"))
             if end < begin:
@@ -122,7 +122,7 @@ class Reader:
         fields = self._fields(prefix, {"amplitude": amplitude, **{each: FIELDS[each] for each in KINDS[kind].shape}})
         fields["duration"] = replace(FIELDS["duration"], default=1.0).definition
         fields["inputs"] = (Annotated[Any, PlainValidator(partial(self.profiles, f"{prefix}.inputs"))], {})
-        table = table_of(kind, fields).model_validate(entry)
+        table = Table.of_kind(kind, fields).model_validate(entry)
         if KINDS[kind].sweeps:
             (_, low), (high, _) = (self._limits(f"{prefix}.{side}", MOST_OUTSIDE) for side in ("low", "high"))
             if not low < high:
