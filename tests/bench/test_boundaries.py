@@ -179,12 +179,16 @@ def test_range_of_amplitude_torque_and_limit(tmp_path: Path) -> None:
     most = ParameterSubject(load_parameters()).command_limit
     for test, figure, limit in ((f"kind = 'step', amplitude = '{most!r} rad'", "rise_time", "1 s"),
                                 ("kind = 'step', amplitude = '1e-6 rad'", "rise_time", "1e-9 s"),
-                                ("kind = 'load', torque = '-1e-6 N.m'", "ripple", "1 deg")):
+                                ("kind = 'load', torque = '-1e-6 N.m'", "ripple", "1 deg"),
+                                ("kind = 'slew', amplitude = '1 deg', torque = '1e6 N.m'", "rise_time", "1 s")):
         requirement(tmp_path, test, figure, f"maximum = '{limit}'")
     for test, figure, limit in ((f"kind = 'step', amplitude = '{most * 1.00001!r} rad'", "rise_time", "1 s"),
                                 ("kind = 'step', amplitude = '0 rad'", "rise_time", "1 s"),
                                 ("kind = 'step', amplitude = '1 deg'", "rise_time", "0 s"),
-                                ("kind = 'load', torque = '0 N.m'", "ripple", "1 deg")):
+                                ("kind = 'load', torque = '0 N.m'", "ripple", "1 deg"),
+                                ("kind = 'repeat', amplitude = '1 deg', torque = '0 N.m'", "repeat_error", "1 deg"),
+                                ("kind = 'slew', amplitude = '1 deg', torque = '1.001e6 N.m'", "rise_time", "1 s"),
+                                ("kind = 'load', torque = '-1.001e6 N.m'", "ripple", "1 deg")):
         with pytest.raises(EmcasError):
             requirement(tmp_path, test, figure, f"maximum = '{limit}'")
 
