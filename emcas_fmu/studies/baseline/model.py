@@ -32,7 +32,7 @@ FILE = "baseline.toml"
 DIGITS = 6  # significant digits in files: rounding changes a value by at most 0.0005 %, far less than a limit of 1 %
 NEVER = "never"
 """The value, in files, of a figure whose level is never reached."""
-LONGEST = 60.0  # s, longest case: the time that fmpy needs grows with the square of the length
+LONGEST = 60.0  # s, longest duration in a case: the time that fmpy needs grows with the square of the length
 
 Array = NDArray[np.floating[Any]]
 _ELECTRICAL = ("peak_current", "rms_current", "peak_power", "energy_drawn", "energy_returned")
