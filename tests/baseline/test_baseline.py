@@ -11,13 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import junitparser
+import numpy as np
 import pytest
 
+from emcas_fmu.bench.measure import Test, excitation
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.parameters.schema import In
-from emcas_fmu.studies.baseline.comparison import Row, compare
-from emcas_fmu.studies.baseline.files import read
+from emcas_fmu.studies.baseline.comparison import TEMPLATE, Row, compare
+from emcas_fmu.studies.baseline.files import read, read_plan
 from emcas_fmu.studies.baseline.model import ALL, Limit, Motion, output_units, unit_of
 
 from .conftest import SHORT, check, edit, emcas, record
@@ -174,6 +176,15 @@ def test_commands_are_reduced_to_the_range_when_recorded(tmp_path: Path) -> None
     record(tmp_path, article="small.toml")
     amplitudes = {name: c.amplitude for name, c in read(tmp_path / "baseline").case.items() if isinstance(c, Motion)}
     assert (amplitudes["large_step"], amplitudes["step"]) == (radians(12.0), radians(-5.0))
+
+
+def test_slew_of_a_baseline_is_that_of_requirements() -> None:
+    """The fin is at the starting end from the first row on."""
+    subject = ParameterSubject(load_parameters())
+    slew = read_plan(TEMPLATE).case["opposing_load"].inputs(Path(), subject)
+    tested = excitation(Test("slew", radians(20.0), 1.0, -100.0), 1.0, subject)
+    assert (slew.title, slew.begin, set(slew.columns)) == (tested.title, tested.begin, set(tested.columns))
+    assert all(np.array_equal(slew.columns[name], column) for name, column in tested.columns.items())
 
 
 def test_figures_of_a_fin_that_does_not_move_are_never(tmp_path: Path) -> None:
