@@ -93,6 +93,11 @@ class Kind(NamedTuple):
         return (*(("amplitude",) if self.moves else ()), *self.shape, "duration", *self.options)
 
     @property
+    def runs(self) -> tuple[str, ...]:
+        """The kinds of run in bench/metrics.py whose figures a response has."""
+        return ("jump",) * self.jumps + ("sweep",) * self.sweeps + ("rest",) * (not self.moves) + ("usage",)
+
+    @property
     def defaults(self) -> dict[str, float]:
         """The default values of the fields in `shape`."""
         return {name: FIELDS[name].default or 0.0 for name in self.shape}

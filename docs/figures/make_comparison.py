@@ -196,9 +196,9 @@ def powers() -> str:
         "power, 100°/s with 100 N·m": lambda k: f"{k.ramp(HELD):.0f} W",
         "power to hold 100 N·m": lambda k: f"{k.heat:.0f} W",
         "mission: supply energy": lambda k: f"{k.mission['energy_drawn_j']:.0f} J",
-        "mission: energy returned": lambda k: f"{k.mission['energy_regenerated_j']:.0f} J",
-        "mission: largest power": lambda k: f"{k.mission['supply_power_peak_w']:.0f} W",
-        "mission: rms tracking error": lambda k: f"{k.mission['tracking_error_rms_deg']:.2f}°",
+        "mission: energy returned": lambda k: f"{k.mission['energy_returned_j']:.0f} J",
+        "mission: largest power": lambda k: f"{k.mission['peak_power_w']:.0f} W",
+        "mission: rms tracking error": lambda k: f"{k.mission['rms_tracking_error_deg']:.2f}°",
     })
 
 
@@ -252,11 +252,11 @@ def draw() -> None:
         gain.set(title="frequency response at 1°", xlabel="frequency [Hz]", ylabel="gain [dB]", ylim=(-12.0, 3.0))
         plots.frequency_axis(gain, (0.5, 1, 2, 5, 10, 20))
         rows = np.arange(len(KINDS))
-        for key, sign, alpha in (("energy_drawn_j", 1.0, 1.0), ("energy_regenerated_j", -1.0, 0.5)):
+        for key, sign, alpha in (("energy_drawn_j", 1.0, 1.0), ("energy_returned_j", -1.0, 0.5)):
             energy.barh(rows, [sign * float(kind.mission[key]) / 1e3 for kind in kinds().values()],
                         color=list(COLORS.values()), alpha=alpha)
         for row, kind in zip(rows, kinds().values(), strict=True):
-            consumed, returned = (float(kind.mission[key]) for key in ("energy_drawn_j", "energy_regenerated_j"))
+            consumed, returned = (float(kind.mission[key]) for key in ("energy_drawn_j", "energy_returned_j"))
             energy.annotate(f"{consumed:.0f} J, returned {returned:.0f} J", (consumed / 1e3, row), (4.0, 0.0),
                             textcoords="offset points", va="center", fontsize=8.0)
         energy.set(xlim=(None, 9.2))

@@ -330,7 +330,7 @@ def figures() -> str:
     """Return the table of the figures that requirements may have, with unit and description."""
     names = dict.fromkeys(name for each in TESTS.values() for name in each.figures)
     return markdown(("figure", "unit", "description"), [
-        (f"`{name}`", {"": "", "1": "1 or %"}.get(FIGURES[name].unit, FIGURES[name].unit),
+        (f"`{name}`", {"1": "1 or %"}.get(FIGURES[name].unit, FIGURES[name].unit),
          FIGURES[name].title + (f" (needs `{FIGURES[name].needs[0]}`)" if FIGURES[name].needs[:1] not in (
              (), ("fin_angle",), ("fin_rate",)) else "")) for name in names])
 

@@ -6,7 +6,7 @@ the same value wherever it is shown.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -24,14 +24,9 @@ from ..support import extras
 from .excitation import COMMAND, LOAD, Excitation, sine, times
 from .excitation import motion as excited
 from .frequency_response import PURE, FrequencyResponse, fundamental_weights, swept
-from .metrics import FIGURES, MOTION, RESTING, USAGE, motion, rest, usage
+from .metrics import FIGURES, figures_of, motion, rest, usage
 from .runs import Run, Runs
 from .subject import Subject
-
-_MARGINS = ("gain_margin", "phase_margin", "delay_margin")
-_BANDWIDTHS = ("bandwidth_3db", "bandwidth_90deg")
-_MOVES = tuple(dict.fromkeys((*MOTION, *USAGE)))
-_RESTS = tuple(dict.fromkeys((*RESTING, *USAGE)))
 
 
 class Kind(NamedTuple):
@@ -43,25 +38,26 @@ class Kind(NamedTuple):
 
 
 _FIELDS = {name: ("amplitude", "duration", *each.options, "supply") for name, each in MOTIONS.items() if each.jumps}
-KINDS: Mapping[str, Kind] = {
-    **{name: Kind(fields, _MOVES, f"{name} of {{size}}, both ways, over {{duration:g}} s{{load}}")
+_MOVES, _RESTS = ("jump", "usage"), ("rest", "usage")  # kinds of run in `figures_of`
+KINDS: Mapping[str, Kind] = {name: Kind(fields, tuple(figures_of(name, *runs)), words)
+                             for name, (fields, runs, words) in {
+    **{name: (fields, _MOVES, f"{name} of {{size}}, both ways, over {{duration:g}} s{{load}}")
        for name, fields in _FIELDS.items()},
     # from rest at zero to amplitude, under a constant torque
-    "step": Kind(_FIELDS["step"], _MOVES, "step of {size}, both ways, held for {duration:g} s{load}"),
+    "step": (_FIELDS["step"], _MOVES, "step of {size}, both ways, held for {duration:g} s{load}"),
     # from -amplitude, held for `settle`, to amplitude; the torque rises after the command
-    "slew": Kind(_FIELDS["slew"], (*_MOVES, "rate_asymmetry"),
-                 "slew from one side to the other, {size}, both ways, over {duration:g} s{load}"),
-    "load": Kind(("torque", "duration", "supply"), _RESTS,
-                 "{torque:g} N.m at once on a fin held at 0, both ways, for {duration:g} s"),
-    "release": Kind(("torque", "duration", "supply", "settle"), _RESTS,
-                    "{torque:g} N.m let go after {settle:g} s, both ways, over {duration:g} s"),
+    "slew": (_FIELDS["slew"], _MOVES, "slew from one side to the other, {size}, both ways, over {duration:g} s{load}"),
+    "load": (("torque", "duration", "supply"), _RESTS,
+             "{torque:g} N.m at once on a fin held at 0, both ways, for {duration:g} s"),
+    "release": (("torque", "duration", "supply", "settle"), _RESTS,
+                "{torque:g} N.m let go after {settle:g} s, both ways, over {duration:g} s"),
     # bisection finds the frequency
-    "sine": Kind(("amplitude",), _BANDWIDTHS, "fundamental under sines of {size}"),
+    "sine": (("amplitude",), (), "fundamental under sines of {size}"),
     # the loop is broken at the drive's reference
-    "linear": Kind((), _MARGINS, "linear loop"),
+    "linear": ((), (), "linear loop"),
     # slews after use with this torque and a rest are compared with those of a fresh actuator
-    "repeat": Kind(("amplitude", "duration", "torque"), ("repeat_error",),
-                   "slew of ±{size} after one-sided cycles, stall, saturation, disabling and brown-out")}
+    "repeat": (("amplitude", "duration", "torque"), (),
+               "slew of ±{size} after one-sided cycles, stall, saturation, disabling and brown-out")}.items()}
 """The kinds of tests of requirements."""
 BANDWIDTHS = 2.0, 60.0  # Hz, range of the search for a bandwidth
 GRID = tuple(np.geomspace(*BANDWIDTHS, 12).tolist())  # Hz; the interval that contains a bandwidth is bisected
@@ -149,7 +145,7 @@ def measure(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], 
     return measured
 
 
-def recorded(figures: Sequence[str]) -> tuple[str, ...]:
+def recorded(figures: Iterable[str]) -> tuple[str, ...]:
     """Return the names of the outputs that the figures of a motion or a load need."""
     return tuple(dict.fromkeys(name for figure in ("sustained_rate", "peak_rate", *figures)
                                for name in FIGURES[figure].needs))
@@ -317,8 +313,9 @@ def _bandwidths(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any
 def sweep_figures(response: FrequencyResponse, subject: Subject, amplitude: float,
                   changes: Mapping[str, Any]) -> dict[str, float]:
     """Return the figures of a sweep of `amplitude` [rad]; the bandwidths are measured with steady sines."""
-    (bandwidths,) = measure(Test("sine", amplitude), subject, [changes], _BANDWIDTHS, ("minimum",) * len(_BANDWIDTHS))
-    return {**swept(response), **dict(zip(_BANDWIDTHS, bandwidths.tolist(), strict=True))}
+    names = KINDS["sine"].figures
+    (bandwidths,) = measure(Test("sine", amplitude), subject, [changes], names, ("minimum",) * len(names))
+    return {**swept(response), **dict(zip(names, bandwidths.tolist(), strict=True))}
 
 
 def describing_function(subject: Subject, changes: Sequence[Mapping[str, Any]], amplitude: float,
@@ -373,9 +370,9 @@ def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, 
     try:
         linear = LinearActuator({**plain.values, **plain.having(changes)}, model=plain.model)
     except (EmcasError, ArithmeticError):
-        return dict.fromkeys(_MARGINS, nan)
+        return dict.fromkeys(KINDS["linear"].figures, nan)
     if linear.idle or not linear.stable:
-        return dict.fromkeys(_MARGINS, nan)
+        return dict.fromkeys(KINDS["linear"].figures, nan)
     loop = linear.loop("reference")
     result = margins(loop, np.geomspace(LOOP_LOWEST, highest(loop), LOOP_POINTS))
-    return dict(zip(_MARGINS, (result.gain_db, result.phase, result.delay), strict=True))
+    return dict(zip(KINDS["linear"].figures, (result.gain_db, result.phase, result.delay), strict=True))

@@ -31,55 +31,76 @@ CREPT = 1e-8  # rad, largest change of the angle that does not count as motion
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure's unit (SI, dB, or "" for a plain number), its definition and the outputs that it `needs`.
+    """A figure's unit (SI or dB), its definition, its runs, and the outputs that it `needs`.
 
-    `bad` is 1 if a larger value is worse, -1 if a smaller one is.
+    `runs` has the kinds of run that have the figure: "jump" (of the command), "rest" (at command 0 under a load),
+    "sweep", "usage" (any run), and kinds of test. `reduction` is the one of REDUCTIONS that computes the figure from
+    the output that it needs, if there is one. `bad` is 1 if a larger value is worse, -1 if a smaller one is.
     """
 
     unit: str
     title: str
+    runs: str = ""
     needs: tuple[str, ...] = ("fin_angle",)
+    reduction: str = ""
     bad: float = 1.0
 
 
+_ERROR, _CURRENT, _POWER = ("tracking_error",), ("motor_current",), ("supply_power",)
+_LOOP = "loop broken at the controllers' output"
 FIGURES: Mapping[str, Figure] = {
-    "rise_time": Figure("s", "time from 10 to 90 % of the commanded change, each reached for the first time"),
-    "settling_time": Figure("s", "time after which the angle is within 2 % of the change from the command"),
-    "time_to_accuracy": Figure("s", f"time after which the angle is within {degrees(ACCURACY):g} deg of the command"),
-    "time_to_90_percent": Figure("s", "time until 90 % of the commanded change is reached"),
-    "overshoot": Figure("1", "largest excess over the command, as a share of the change"),
-    "steady_error": Figure("rad", "distance of the mean angle from the command over the last third of the hold"),
-    "held_error": Figure("rad", "largest distance from the command over the last third of the hold"),
-    "held_angle": Figure("rad", "smallest magnitude of the angle over the last third of the hold", bad=-1.0),
-    "ripple": Figure("rad", "peak to peak of the angle over the last third of the hold"),
-    "rebound": Figure("rad", "largest angle against the direction of a load, after it is removed"),
-    "current_ripple": Figure("A", "largest standard deviation of the motor current in a second of the last third",
-                             ("motor_current",)),
-    "repeat_error": Figure("rad", "largest difference between the responses of a used and of a fresh actuator"),
-    "sustained_rate": Figure("rad/s", "mean rate over the middle 60 % of the travel", bad=-1.0),
-    "rate_asymmetry": Figure("1", "difference of the sustained rates in both directions, as a share of the larger"),
-    "peak_rate": Figure("rad/s", "largest magnitude of the fin rate", ("fin_rate",), -1.0),
-    "peak_angle": Figure("rad", "largest magnitude of the fin angle"),
-    "bandwidth_3db": Figure("Hz", "lowest frequency where the fundamental is 3 dB down", bad=-1.0),
-    "bandwidth_90deg": Figure("Hz", "lowest frequency where the fundamental lags 90 deg", bad=-1.0),
-    "gain_margin": Figure("dB", "smaller of the margins up and down, loop broken at the controllers' output", (), -1.0),
-    "phase_margin": Figure("rad", "margin of the loop broken at the controllers' output", (), -1.0),
-    "delay_margin": Figure("s", "additional delay that makes the loop unstable, at the controllers' output", (), -1.0),
-    "peak_gain": Figure("dB", "largest gain of the fundamental at the examined frequencies"),
-    "lowest_coherence": Figure("", "smallest ordinary coherence up to the -3 dB frequency", bad=-1.0),
-    "peak_tracking_error": Figure("rad", "largest distance from the clipped command", ("tracking_error",)),
-    "rms_tracking_error": Figure("rad", "root mean square distance from the clipped command", ("tracking_error",)),
-    "peak_current": Figure("A", "largest magnitude of the motor current", ("motor_current",)),
-    "rms_current": Figure("A", "root mean square of the motor current", ("motor_current",)),
-    "peak_power": Figure("W", "largest power from the supply", ("supply_power",)),
-    "peak_returned_power": Figure("W", "largest power returned to the supply", ("supply_power",)),
-    "rms_power": Figure("W", "root mean square of the power", ("supply_power",)),
-    "net_energy": Figure("J", "energy from the supply less energy returned", ("supply_power",)),
-    "energy_drawn": Figure("J", "integral of the power from the supply", ("supply_power",)),
-    "energy_returned": Figure("J", "integral of the power returned", ("supply_power",)),
-    "saturated_share": Figure("1", "share of the time in which a limit is active", ("saturated",)),
-    "at_stop_share": Figure("1", "share of the time in which the fin is at a mechanical stop", ("at_stop",)),
+    "rise_time": Figure("s", "time from 10 to 90 % of the commanded change, each reached for the first time", "jump"),
+    "settling_time": Figure("s", "time after which the angle is within 2 % of the change from the command", "jump"),
+    "time_to_accuracy": Figure(
+        "s", f"time after which the angle is within {degrees(ACCURACY):g} deg of the command", "jump rest"),
+    "time_to_90_percent": Figure("s", "time until 90 % of the commanded change is reached", "jump"),
+    "overshoot": Figure("1", "largest excess over the command, as a share of the change", "jump"),
+    "steady_error": Figure(
+        "rad", "distance of the mean angle from the command over the last third of the hold", "jump rest"),
+    "held_error": Figure("rad", "largest distance from the command over the last third of the hold", "jump rest"),
+    "held_angle": Figure(
+        "rad", "smallest magnitude of the angle over the last third of the hold", "jump rest", bad=-1.0),
+    "ripple": Figure("rad", "peak to peak of the angle over the last third of the hold", "jump rest"),
+    "rebound": Figure("rad", "largest angle against the direction of a load, after it is removed", "rest"),
+    "current_ripple": Figure(
+        "A", "largest standard deviation of the motor current in a second of the last third", "jump rest", _CURRENT),
+    "repeat_error": Figure(
+        "rad", "largest difference between the responses of a used and of a fresh actuator", "repeat"),
+    "sustained_rate": Figure("rad/s", "mean rate over the middle 60 % of the travel", "jump", bad=-1.0),
+    "rate_asymmetry": Figure(
+        "1", "difference of the sustained rates in both directions, as a share of the larger", "slew"),
+    "peak_rate": Figure("rad/s", "largest magnitude of the fin rate", "jump usage", ("fin_rate",), "peak", -1.0),
+    "peak_angle": Figure("rad", "largest magnitude of the fin angle", "usage", reduction="peak"),
+    "bandwidth_3db": Figure("Hz", "lowest frequency where the fundamental is 3 dB down", "sine sweep", bad=-1.0),
+    "bandwidth_90deg": Figure("Hz", "lowest frequency where the fundamental lags 90 deg", "sine sweep", bad=-1.0),
+    "gain_margin": Figure("dB", f"smaller of the margins up and down, {_LOOP}", "linear", (), bad=-1.0),
+    "phase_margin": Figure("rad", f"margin of the {_LOOP}", "linear", (), bad=-1.0),
+    "delay_margin": Figure("s", "additional delay that makes the loop unstable, at the controllers' output", "linear",
+                           (), bad=-1.0),
+    "peak_gain": Figure("dB", "largest gain of the fundamental at the examined frequencies", "sweep"),
+    "lowest_coherence": Figure("1", "smallest ordinary coherence up to the -3 dB frequency", "sweep", bad=-1.0),
+    "peak_tracking_error": Figure("rad", "largest distance from the clipped command", "usage", _ERROR, "peak"),
+    "rms_tracking_error": Figure("rad", "root mean square distance from the clipped command", "usage", _ERROR, "rms"),
+    "peak_current": Figure("A", "largest magnitude of the motor current", "usage", _CURRENT, "peak"),
+    "rms_current": Figure("A", "root mean square of the motor current", "usage", _CURRENT, "rms"),
+    "peak_power": Figure("W", "largest power from the supply", "usage", _POWER),
+    "peak_returned_power": Figure("W", "largest power returned to the supply", "usage", _POWER),
+    "mean_power": Figure("W", "net energy divided by the duration", "usage", _POWER),
+    "rms_power": Figure("W", "root mean square of the power", "usage", _POWER),
+    "net_energy": Figure("J", "energy from the supply less energy returned", "usage", _POWER),
+    "energy_drawn": Figure("J", "integral of the power from the supply", "usage", _POWER),
+    "energy_returned": Figure("J", "integral of the power returned", "usage", _POWER),
+    "saturated_share": Figure("1", "share of the time in which a limit is active", "usage", ("saturated",), "share"),
+    "at_stop_share": Figure(
+        "1", "share of the time in which the fin is at a mechanical stop", "usage", ("at_stop",), "share"),
 }
+
+
+def figures_of(*runs: str) -> dict[str, Figure]:
+    """Return the figures of any of these kinds of run, by name in the order of FIGURES."""
+    return {name: figure for name, figure in FIGURES.items() if not {*runs}.isdisjoint(figure.runs.split())}
+
+
 _SHOWN = {"rad": ("deg", degrees(1.0)), "rad/s": ("deg/s", degrees(1.0)), "s": ("ms", 1e3), "1": ("%", 100.0),
           "Pa": ("MPa", 1e-6), "m3/s": ("l/min", 6e4)}
 
@@ -192,13 +213,6 @@ def since(start: float, time: Array, *columns: Array) -> tuple[Array, ...]:
     return (time[begin:], *(column[..., begin:] for column in columns))
 
 
-RESTING = ("rebound", "time_to_accuracy", "steady_error", "held_error", "held_angle", "ripple", "current_ripple")
-"""The figures of `rest`."""
-MOTION = ("rise_time", "settling_time", "time_to_accuracy", "time_to_90_percent", "overshoot", "steady_error",
-          "held_error", "held_angle", "ripple", "current_ripple", "peak_rate", "sustained_rate")
-"""The figures of `motion`."""
-
-
 def step_metrics(time: Array, response: Array, start: float, command: Any) -> dict[str, Any]:
     """Return the figures of the response [rad] to a command that steps to a level at `start` [s] and stays there.
 
@@ -245,7 +259,7 @@ def sustained_rate(time: Array, angle: Array, start: float, command: Any) -> Any
 
 
 def motion(run: Run, number: int = 0) -> dict[str, Any]:
-    """Return the figures MOTION of a finished run for a step of the command by its index, up to the next step."""
+    """Return the figures of a jump of a finished run: a step of the command by its index, up to the next step."""
     move, columns = run.excitation.moves[number], run.columns
     rows = int(np.searchsorted(columns["time"], move.end + 1e-9, side="right"))
     of_move = {name: column[..., :rows] for name, column in columns.items()}
@@ -256,7 +270,7 @@ def motion(run: Run, number: int = 0) -> dict[str, Any]:
 
 
 def rest(run: Run) -> dict[str, Any]:
-    """Return the figures RESTING of a finished run at command 0 under a hinge moment."""
+    """Return the figures of a rest of a finished run at command 0 under a hinge moment."""
     load = run.excitation.columns["aero_torque"]
     time, angle = since(run.excitation.begin, run.columns["time"], run.columns["fin_angle"])
     against = -np.sign(np.sum(load, axis=-1, keepdims=True)) * angle
@@ -275,33 +289,32 @@ def _current_ripple(columns: Mapping[str, Array], start: float) -> dict[str, Any
                                      axis=0)}
 
 
+REDUCTIONS: Mapping[str, Callable[[Array], Any]] = {
+    "peak": lambda column: np.max(np.abs(column), axis=-1), "rms": rms,
+    "share": lambda column: np.mean(column > 0.5, axis=-1)}
+"""Functions of an output's column [runs, rows] that return a figure."""
+
+
 def usage(run: Run) -> dict[str, Any]:
-    """Return the figures USAGE of the recorded outputs, from the excitation's `begin` on."""
+    """Return the usage figures of the recorded outputs, from the excitation's `begin` on."""
     at = dict(zip(run.columns, since(run.excitation.begin, *run.columns.values()), strict=True))
-    reductions: Mapping[str, Callable[[Array], Any]] = {
-        "peak": lambda column: np.max(np.abs(column), axis=-1), "rms": rms,
-        "share": lambda column: np.mean(column > 0.5, axis=-1)}
-    figures = {name: reductions[reduction](at[output]) for name, (reduction, output) in REDUCED.items() if output in at}
+    figures = {name: REDUCTIONS[figure.reduction](at[figure.needs[0]]) for name, figure in figures_of("usage").items()
+               if figure.reduction and figure.needs[0] in at}
     if "supply_power" in at:
-        power = at["supply_power"]
-        drawn, returned = energies(at["time"], power)
-        figures |= {"peak_power": np.max(power, axis=-1, initial=0.0), "energy_drawn": drawn,
-                    "energy_returned": returned, "peak_returned_power": np.max(0.0 - power, axis=-1, initial=0.0)}
+        steps = np.diff(at["time"], prepend=at["time"][0], append=at["time"][-1])
+        figures |= power_figures(at["supply_power"], (steps[:-1] + steps[1:]) / 2.0)  # the trapezoidal rule
     return figures
 
 
-REDUCED: Mapping[str, tuple[str, str]] = {
-    "peak_angle": ("peak", "fin_angle"), "peak_rate": ("peak", "fin_rate"), "peak_current": ("peak", "motor_current"),
-    "peak_tracking_error": ("peak", "tracking_error"), "rms_current": ("rms", "motor_current"),
-    "rms_tracking_error": ("rms", "tracking_error"), "saturated_share": ("share", "saturated"),
-    "at_stop_share": ("share", "at_stop")}
-USAGE = (*REDUCED, "peak_power", "energy_drawn", "energy_returned", "peak_returned_power")
-"""The figures of `usage`."""
-
-
-def energies(time: Array, power: Array) -> tuple[Any, Any]:
-    """Return the energy [J] consumed and the magnitude of the energy fed back, by the trapezoidal rule."""
-    return np.trapezoid(np.maximum(power, 0.0), time), np.trapezoid(np.maximum(-power, 0.0), time)
+def power_figures(power: Array, weights: Array) -> dict[str, Any]:
+    """Return the usage figures of a power [W] whose rows have these weights [s] in its integral."""
+    drawn, returned = np.maximum(power, 0.0), np.maximum(0.0 - power, 0.0)
+    net, consumed, supplied, square, duration = (np.sum(column, axis=-1) for column in (
+        weights * power, weights * drawn, weights * returned, weights * power * power, weights))
+    with np.errstate(invalid="ignore"):  # a single row has no duration
+        return {"peak_power": np.max(drawn, axis=-1), "peak_returned_power": np.max(returned, axis=-1),
+                "energy_drawn": consumed, "energy_returned": supplied, "net_energy": net,
+                "mean_power": net / duration, "rms_power": np.sqrt(square / duration)}
 
 
 def leap_weights(count: int, step: float, leaps: Array) -> Array:
@@ -322,13 +335,6 @@ def leap_weights(count: int, step: float, leaps: Array) -> Array:
         weights[row] += length - step / 2.0 + line
         weights[row + inner] -= line
     return weights
-
-
-def leaping_power(power: Array, weights: Array) -> dict[str, Any]:
-    """Return peak, root mean square and net energy of a power whose rows have these :func:`leap_weights`."""
-    weighted = weights * power
-    return {"peak_power": np.max(power, axis=-1), "net_energy": np.sum(weighted, axis=-1),
-            "rms_power": np.sqrt(np.sum(weighted * power, axis=-1) / np.sum(weights, axis=-1))}
 
 
 def breakaway(moment: Array, angle: Array) -> float:

@@ -19,6 +19,7 @@ from typer.testing import Result as Done
 
 from emcas_fmu.actuators import NAMES, NONLINEAR
 from emcas_fmu.bench.fmu_subject import open_subject
+from emcas_fmu.bench.metrics import figures_of, result_name
 from emcas_fmu.bench.requirements import Specification, load_requirements
 from emcas_fmu.bench.subject import ParameterSubject, Subject
 from emcas_fmu.bench.verdict import in_words, judge
@@ -125,6 +126,13 @@ def test_note_if_the_chosen_load_differs_from_the_loads_of_the_requirements(ship
     assert not shipped.load_note
 
 
+@pytest.mark.parametrize(("test", "runs"), [
+    ("step_response", "jump"), ("slew_rate", "jump"), ("frequency_response", "sweep"), ("mission", "usage")])
+def test_report_has_every_figure_of_its_runs_under_its_name(test: str, runs: str, shipped: Result) -> None:
+    for figures in shipped.outcomes[test].figures.values():
+        assert set(figures) - {"duration_s"} == {result_name(name)[0] for name in figures_of(runs)}
+
+
 def test_figures_are_consistent(shipped: Result) -> None:
     """These relations hold for any gains."""
     figures = {name: outcome.figures for name, outcome in shipped.outcomes.items()}
@@ -137,9 +145,9 @@ def test_figures_are_consistent(shipped: Result) -> None:
     assert grid["hysteresis_deg"] <= 2.0 * grid["largest_error_deg"]
     assert grid["hysteresis_deg"] <= grid["bidirectional_accuracy_deg"]
     mission = figures["mission"]["synthetic"]
-    assert mission["net_energy_j"] == pytest.approx(mission["energy_drawn_j"] - mission["energy_regenerated_j"])
-    assert 0.0 < mission["motor_current_rms_a"] < mission["motor_current_peak_a"]
-    assert 0.0 < mission["energy_regenerated_j"] < mission["energy_drawn_j"]
+    assert mission["net_energy_j"] == pytest.approx(mission["energy_drawn_j"] - mission["energy_returned_j"])
+    assert 0.0 < mission["rms_current_a"] < mission["peak_current_a"]
+    assert 0.0 < mission["energy_returned_j"] < mission["energy_drawn_j"]
     stiffness = figures["dynamic_stiffness"]
     assert stiffness["unpowered_below_breakaway"]["friction_locked"]
     # The loops hold the fin where friction and inertia alone do not.
@@ -297,7 +305,7 @@ def test_limit_may_have_any_unit_of_its_quantity(limit: str, expected: float, tm
 
 @pytest.mark.parametrize(("figure", "limit", "expected"), [
     ("frequency_response.1deg.peak_gain_db", "3 dB", 3.0), ("step_response.plus_1deg.overshoot_percent", "5 %", 5.0),
-    ("frequency_response.1deg.lowest_coherence", "0.9", 0.9),
+    ("frequency_response.1deg.lowest_coherence_percent", "90 %", 90.0),
     ("dynamic_stiffness.powered.stiffness_10hz_n_m_per_rad", "1 N.m/deg", 57.29577951308232),
     ("slew_rate.unloaded_positive.peak_rate_deg_per_s", "1 rad/s", 57.29577951308232)])
 def test_limit_is_converted_to_the_unit_of_its_figure(figure: str, limit: str, expected: float, tmp_path: Path) -> None:
@@ -412,7 +420,7 @@ def test_progress_counts_every_test(shipped: Result, progress: list[tuple[str, i
 def test_json_has_no_infinity_and_no_nan(shipped: Result) -> None:
     document: Any = plain(as_dict(shipped))
     text = json.dumps(document, allow_nan=False)
-    assert json.loads(text)["schema"] == "emcas-acceptance/2"
+    assert json.loads(text)["schema"] == "emcas-acceptance/3"
     grid = document["curves"]["static_accuracy"]["grid"]
     assert grid["error_from_below_deg"][0] is None  # the lowest angle has no approach from below
     assert len(grid["command_deg"]) == len(grid["error_from_above_deg"])
@@ -452,15 +460,15 @@ figure = "frequency_response.1deg.bandwidth_3db_hz"
 
 @pytest.mark.parametrize(("more", "skipped"), [("", False), ("optional = true", True)])
 def test_figure_of_a_missing_output_is_not_applicable(more: str, skipped: bool, tmp_path: Path) -> None:
-    wanted = loaded(tmp_path, "5 A", "mission.synthetic.motor_current_rms_a", more=more)
+    wanted = loaded(tmp_path, "5 A", "mission.synthetic.rms_current_a", more=more)
     found = carry_out(Play(outputs=FIN_PORT), specification=wanted)
     assert not found.stopped
     figures = dict(flat(found.outcomes))
     assert not any(part in name for name in figures for part in ("current", "_power_", "energy"))
-    assert {"mission.synthetic.tracking_error_rms_deg",
+    assert {"mission.synthetic.peak_angle_deg",
             "slew_rate.unloaded_positive.peak_rate_deg_per_s"} <= set(figures)
     why = found.outcomes["mission"].not_applicable
-    assert why["motor_current_rms_a"] == "this actuator has no motor_current"
+    assert why["rms_current_a"] == "this actuator has no motor_current"
     assert why["net_energy_j"] == "this actuator has no supply_power"
     # A requirement whose figure has no value is missed, or skipped if it is optional.
     last = found.judged[-1]
@@ -470,7 +478,7 @@ def test_figure_of_a_missing_output_is_not_applicable(more: str, skipped: bool, 
     assert ("the one requirement is met; 1 more was not judged" if skipped else "1 of 2 requirements is not met"
             ) in in_words(found.judged)
     text = page(found, tmp_path)
-    assert "Not applicable: RMS current, peak current (this actuator has no motor_current)." in text
+    assert "Not applicable: peak current, rms current (this actuator has no motor_current)." in text
     assert as_dict(found)["methods"]["mission"]["not_applicable"]["energy_drawn_j"].endswith("supply_power")
 
 

@@ -118,7 +118,7 @@ def synthetic_figures() -> dict[str, list[Any]]:
         "steps": [metrics.step_metrics(time, each, 0.2, level)
                   for each in (responses, responses[0]) for level in (0.2, -0.1)],
         "rates": [metrics.sustained_rate(time, each, 0.2, 0.15) for each in responses],
-        "energies": metrics.energies(time, power), "leaps": [weights, metrics.leaping_power(power[:60], weights)],
+        "leaps": [weights, metrics.power_figures(power[:60], weights)],
         "frequency response": [response, response.gain_db, *response.crossings, *response.stated, swept(response)],
         "fundamental": [fundamental(time, responses[0] + 0.3 * np.cos(11.0 * time), 11.0 / 6.0, drift)
                         for drift in (True, False)],

@@ -93,7 +93,7 @@ def test_motion_figures_of_a_first_order_response() -> None:
     assert {name: found[name] for name in exact} == pytest.approx(exact, rel=1e-5)
     # The mean over rows counts both ends fully, the integral half: 1 row in 2000.
     assert found["steady_error"] == pytest.approx(-LEVEL * lag * (begin - end), rel=1e-3)
-    assert set(found) == set(metrics.MOTION)
+    assert set(found) == set(metrics.figures_of("jump"))
 
 
 def test_overshoot_of_a_damped_oscillation() -> None:
@@ -120,7 +120,29 @@ def test_rest_figures_after_a_load_is_released(sign: float) -> None:
     last_third = after[time >= time[-1] - (time[-1] - 0.5) / 3.0 - 1e-9][0]
     assert found["held_error"] <= size * exp(-decay * last_third)
     assert found["current_ripple"] == pytest.approx(0.5**0.5, rel=1e-2)  # one cycle is incomplete
-    assert set(found) == set(metrics.RESTING)
+    assert set(found) == set(metrics.figures_of("rest"))
+
+
+def test_usage_figures_of_a_sine() -> None:
+    """All outputs are ten cycles of a sine of 1 with an offset of 1/2; before the command they are 9."""
+    excited = step_to(0.0, 1.0)
+    since = excited.time - excited.begin
+    values = np.where(since < -1e-9, 9.0, 0.5 + np.sin(2 * pi * 10.0 * since))
+    outputs = {name for figure in metrics.figures_of("usage").values() for name in figure.needs}
+    found = metrics.usage(Run(excited, {"time": excited.time, **dict.fromkeys(outputs, values)}, None, (), 0.0))
+    assert set(found) == set(metrics.figures_of("usage"))
+    assert found["peak_current"] == pytest.approx(1.5, rel=1e-3)
+    assert found["peak_power"] == pytest.approx(1.5, rel=1e-3)
+    assert found["peak_returned_power"] == pytest.approx(0.5, rel=1e-3)
+    assert found["rms_tracking_error"] == pytest.approx(0.75**0.5, rel=1e-3)  # the last row is the first of a cycle
+    assert found["rms_power"] == pytest.approx(0.75**0.5, rel=1e-6)
+    assert found["mean_power"] == pytest.approx(0.5, rel=1e-6)
+    assert found["net_energy"] == pytest.approx(0.5, rel=1e-6)
+    # The positive part of 1/2 + sin x has the integral 3^(1/2) + 2 pi/3 over a cycle; the trapezoids at its two ends
+    # are off by at most h^2/8 times the slope of 3^(1/2)/2, h = 0.063.
+    assert found["energy_drawn"] == pytest.approx((3**0.5 + 2 * pi / 3) / (2 * pi), abs=2e-4)
+    assert found["energy_returned"] == pytest.approx(found["energy_drawn"] - found["net_energy"])
+    assert found["saturated_share"] == pytest.approx(0.5, abs=0.011)  # rows at the level count or not, by rounding
 
 
 class Oscillating(Known):

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from emcas_fmu.bench.metrics import figures_of
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.motions import LEAD_IN, STEP
@@ -62,7 +63,9 @@ low = "1 Hz"
 high = "30 Hz"
 duration = "3 s"
 """
-POWERED = ("power_peak", "power_rms", "energy", "peak_current", "rms_current")
+POWER = ["peak_power", "peak_returned_power", "mean_power", "rms_power", "net_energy", "energy_drawn",
+         "energy_returned"]
+CURRENT = ["current_ripple", "peak_current", "rms_current"]
 
 
 @pytest.fixture
@@ -82,11 +85,10 @@ def test_users_actuator_runs_with_the_drawn_stiffness_and_load(direct: Path) -> 
     """A stiffer spring needs more energy. The peak current equals that of a direct simulation."""
     study = load_study(direct)
     assert {name for name in sample.columns(study) if name.startswith("pulled.")} == {
-        f"pulled.{name}" for name in (*POWERED, "peak_rate", "tracking_error_peak", "tracking_error_rms",
-                                      "saturated_share", "at_stop_share")}
+        f"pulled.{name}" for name in figures_of("usage")}
     soft, stiff, loaded = rows_of(study, [0, 1, 2], np.array([[10.0, 0.0], [30.0, 0.0], [10.0, -4.0]]))
     assert {row["status"] for row in (soft, stiff, loaded)} == {"ok"}
-    assert stiff["step.energy"] > soft["step.energy"]
+    assert stiff["step.net_energy"] > soft["step.net_energy"]
     assert not any(isnan(row[name]) for row in (soft, stiff, loaded) for name in sample.columns(study))
     columns = ParameterSubject(load_parameters(model=study.model)).run(
         excitation(study.experiments[0], study.base, {**study.numbers, "inputs.aero_torque.value": -4.0}, study.model),
@@ -102,8 +104,8 @@ def test_energy_of_an_actuator_without_delay_agrees_with_finer_rows(direct: Path
     made = excitation(study.experiments[0], study.base, {**study.numbers, "inputs.aero_torque.value": 0.0}, study.model)
     fine = sample.subject_of(study).run(made, {"spring.stiffness": 20.0}, substeps=50, fine=[experiments.POWER]).columns
     power = fine[experiments.POWER][round(LEAD_IN / STEP) * 50:]
-    assert row["step.energy"] == pytest.approx(np.trapezoid(power, dx=STEP / 50), rel=0.012)
-    assert row["step.power_rms"] == pytest.approx(np.sqrt(np.mean(power**2)), rel=0.012)
+    assert row["step.net_energy"] == pytest.approx(np.trapezoid(power, dx=STEP / 50), rel=0.012)
+    assert row["step.rms_power"] == pytest.approx(np.sqrt(np.mean(power**2)), rel=0.012)
 
 
 @pytest.mark.slow
@@ -153,7 +155,7 @@ def test_fmu_of_a_users_actuator_gives_the_kernels_rows(direct: Path, tmp_path: 
 @pytest.mark.slow
 def test_actuator_without_motor_and_supply_has_no_figures_of_power_and_current(write: Write, tmp_path: Path) -> None:
     study = load_study(write(SECOND_ORDER))
-    assert not {name.partition(".")[2] for name in sample.columns(study)} & set(POWERED)
+    assert not {name.partition(".")[2] for name in sample.columns(study)} & {*POWER, *CURRENT}
     slow, quick = rows_of(study, [0, 1], np.array([[60.0], [120.0]]))
     # The -90 deg frequency of a second-order system is its natural frequency; hold and delay lower it.
     assert quick["sweep.bandwidth_90deg"] > 1.3 * slow["sweep.bandwidth_90deg"]
@@ -162,10 +164,10 @@ def test_actuator_without_motor_and_supply_has_no_figures_of_power_and_current(w
     result = campaign(tmp_path / "small.toml", "--output", tmp_path / "out", "--workers", 0)
     assert result.exit_code == 0, result.output
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
-    assert summary["left_out"] == {"this actuator has no supply_power": ["power_peak", "power_rms", "energy"],
-                                   "this actuator has no motor_current": ["peak_current", "rms_current"]}
+    assert summary["left_out"] == {"this actuator has no supply_power": POWER,
+                                   "this actuator has no motor_current": CURRENT}
     page = (tmp_path / "out" / "summary.html").read_text(encoding="utf-8")
-    assert "power_peak, power_rms, energy: left out (this actuator has no supply_power)." in page
+    assert f"{', '.join(POWER)}: left out (this actuator has no supply_power)." in page
 
 
 @pytest.mark.fmu

@@ -38,7 +38,7 @@ def test_fin_has_the_figures_of_its_parameters(write: Write, pair: Path) -> None
         assert isinstance(subject, FmuSubject)
         assert subject.fmu.names["fin_command"] == f"fin[{fin}].fin_command"
     sound, worn = (rows_of(study, [0], drawn)[0] for study in alone.values())
-    assert worn["step.energy"] > 1.1 * sound["step.energy"]
+    assert worn["step.net_energy"] > 1.1 * sound["step.net_energy"]
 
 
 def test_campaign_file_may_choose_the_fin(write: Write, pair: Path) -> None:

@@ -94,14 +94,14 @@ def test_fault_is_recorded_in_words_status_and_time(write: Write) -> None:
     first = np.argmax(direct["built_in_test"] > 0.0)
     assert jammed["fly.fault_word_first"] == pytest.approx(0.15 - LEAD_IN, abs=1.01e-3)
     assert jammed["fly.built_in_test_first"] == pytest.approx(direct["time"][first] - LEAD_IN, abs=1e-9)
-    assert jammed["fly.fault_word_ever"] == jammed["fly.fault_word_last"] == 1
+    assert jammed["fly.fault_word_ever"] == jammed["fly.fault_word_final"] == 1
     ever = np.bitwise_or.reduce(direct["built_in_test"].astype(int))
     assert jammed["fly.built_in_test_ever"] == ever != 0
     assert "tracking" in extension_outputs.observed(study)["fly.built_in_test_ever"].flags(int(ever))
-    assert jammed["fly.status_last"] == "failed"
+    assert jammed["fly.status_final"] == "failed"
     assert (sound["fly.fault_word_ever"], sound["fly.built_in_test_ever"]) == (0, 0)
     assert isnan(sound["fly.fault_word_first"])
-    assert sound["fly.status_last"] == "operational"
+    assert sound["fly.status_final"] == "operational"
 
 
 @pytest.mark.parametrize("compiled", [True, False])
@@ -112,7 +112,7 @@ def test_input_and_flag_of_an_extension(write: Write, monkeypatch: pytest.Monkey
     study = load_study(write(HOMED))
     (row,) = rows_of(study, [0], np.array([[0.02]]))
     assert (row["status"], row["error"]) == ("ok", "")
-    assert (row["home.status_last"], row["home.homed_last"], row["home.homed_share"]) == ("homing", False, 0.0)
+    assert (row["home.status_final"], row["home.homed_final"], row["home.homed_share"]) == ("homing", False, 0.0)
     made = excitation(study.experiments[0], study.base, study.numbers, study.model)
     status = sample.subject_of(study).run(made).columns["status"]
     assert status[np.searchsorted(made.time, LEAD_IN + 0.015)] == 2.0  # unreferenced
@@ -143,12 +143,12 @@ def test_real_outputs_of_an_extension_have_smallest_last_and_largest_value(write
     head, rest = text.split('[vary."fault.jam.end"]')
     study = load_study(write(head + rest[rest.index("[experiments"):]))
     cold, warm = rows_of(study, [0, 1], np.array([[0.0], [60.0]]))
-    rise = warm["fly.case_temperature_last"] - cold["fly.case_temperature_last"]
+    rise = warm["fly.case_temperature_final"] - cold["fly.case_temperature_final"]
     assert rise == pytest.approx(60.0, abs=1.0)  # the case loses a part of it to the winding
     for row in (cold, warm):
-        low, last, high = (row[f"fly.winding_temperature_{end}"] for end in ("smallest", "last", "largest"))
+        low, last, high = (row[f"fly.winding_temperature_{end}"] for end in ("smallest", "final", "largest"))
         assert low <= last <= high
-    assert sample.columns(study)["fly.winding_temperature_last"].unit == "degC"
+    assert sample.columns(study)["fly.winding_temperature_final"].unit == "degC"
 
 
 def test_another_model_is_another_campaign(write: Write, tmp_path: Path) -> None:
@@ -156,7 +156,7 @@ def test_another_model_is_another_campaign(write: Write, tmp_path: Path) -> None
     with Store(tmp_path / "out", study) as store:
         store.write(sample.rows(study, [0, 1], study.draw([0, 1])))
         schema = store.table().schema
-    assert schema.field("fly.status_last").type == pa.string()
+    assert schema.field("fly.status_final").type == pa.string()
     assert schema.field("fly.fault_word_ever").type == pa.int64()
     other = load_study(write(FAULTS), model="elastic+faults")
     assert other.guid != study.guid
@@ -172,7 +172,7 @@ def test_failed_sample_has_no_words_and_no_status(write: Write, tmp_path: Path) 
     (row,) = sample.listed(rows)
     assert row["status"] == "failed"
     assert "fault.jam.begin = -1 is below its minimum" in row["error"]
-    assert row["fly.status_last"] is row["fly.fault_word_ever"] is None
+    assert row["fly.status_final"] is row["fly.fault_word_ever"] is None
     with Store(tmp_path / "out", study) as store:
         store.write(rows)
         assert store.table().num_rows == 1
@@ -216,8 +216,8 @@ def test_error_names_the_entry_and_the_remedy(write: Write, text: str, message: 
 def row(faults: int, monitors: int, begin: float, first: float) -> Mapping[str, Any]:
     """Return the outputs for a sample's fault word, built-in test word and their first times [s]."""
     return {"fly.fault_word_ever": faults, "fly.built_in_test_ever": monitors, "fly.fault_word_first": begin,
-            "fly.built_in_test_first": first, "fly.fault_word_last": faults, "fly.built_in_test_last": monitors,
-            "fly.status_last": "failed" if monitors else "operational"}
+            "fly.built_in_test_first": first, "fly.fault_word_final": faults, "fly.built_in_test_final": monitors,
+            "fly.status_final": "failed" if monitors else "operational"}
 
 
 def test_findings_of_rows_with_known_results(write: Write) -> None:
@@ -235,7 +235,7 @@ def test_findings_of_rows_with_known_results(write: Write) -> None:
     assert (jam.monitors["tracking"], jam.monitors["stall"]) == (3, 1)
     assert (several.fault, several.samples, several.found) == (extension_outputs.SEVERAL, 1, 1)
     counts = extension_outputs.tallies(study, table)
-    assert counts["fly.status_last"] == {"failed": 5, "operational": 2}
+    assert counts["fly.status_final"] == {"failed": 5, "operational": 2}
     assert counts["fly.fault_word_ever"] == {"jam": 5, "none": 2, "hard_over": 1}
     assert [*extension_outputs.findings(load_study(write(SMALL)), table)] == []
     second_order = load_study(write(FAULTS), model="second-order+faults")  # has neither motor nor bus to monitor
@@ -266,7 +266,7 @@ def test_shipped_campaign_of_faults(tmp_path: Path) -> None:
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert summary["model"] == "nonlinear+heat+faults"
     assert sum(f["samples"] for f in summary["findings"]) == 30
-    assert {t["name"] for t in summary["tallies"]} >= {"fly.status_last", "fly.built_in_test_ever"}
+    assert {t["name"] for t in summary["tallies"]} >= {"fly.status_final", "fly.built_in_test_ever"}
     assert "512 (encoder_reversed)" in campaign(file, "--only", 3).output
     page = (folder / "summary.html").read_text(encoding="utf-8")
     assert "Faults, and their detection by the built-in test" in page

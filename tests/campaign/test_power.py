@@ -23,7 +23,7 @@ Values = Mapping[str, Any]
 
 
 def figures(experiment: Experiment, numbers: Values, changes: Values, power: Any = None) -> dict[str, float]:
-    """Return the figures of an experiment by the bench's names, from its supply power or from `power` [W]."""
+    """Return the figures of an experiment by name, from its supply power or from `power` [W]."""
     run = SUBJECT.run(excitation(experiment, SUBJECT.values, numbers, SUBJECT.model), changes,
                       substeps=experiments.POWER_ROWS, fine=[experiments.POWER])
     if power is not None:

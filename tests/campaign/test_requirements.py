@@ -252,7 +252,7 @@ def test_inputs_of_experiments_have_no_sensitivity_on_requirements(varied: Study
         found = summarise(varied, store.table())
     factors = {e.factor for e in found.by_name["requirement.overshoot"].effects}
     assert factors == {"motor.torque_constant", "drive.supply_voltage", "friction.temperature"}
-    assert "inputs.aero_torque.value" in {e.factor for e in found.by_name["step.energy"].effects}
+    assert "inputs.aero_torque.value" in {e.factor for e in found.by_name["step.net_energy"].effects}
 
 
 @pytest.mark.parametrize("n", [1, 24, 1000, 10**6])

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from ... import __version__
-from ...bench.metrics import FIGURES
 from ...bench.requirements import load_requirements
 from ...bench.subject import Identification, Subject, left_out
 from ...errors import EmcasError
@@ -34,7 +33,7 @@ def first(subject: Subject) -> tuple[Baseline, list[str]]:
     most = round(degrees(subject.command_limit), 9)
     rated = load_requirements(None, subject.parameters).rated_load
     omitted = []
-    for why, names in left_out({name: FIGURES[name] for name in ALL}, subject.outputs).items():
+    for why, names in left_out(ALL, subject.outputs).items():
         omitted.append(f"{', '.join(names)}: {why}")
         for name in names:
             written["limits"]["figures"].pop(name, None)
@@ -187,7 +186,7 @@ def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progre
         limits, approved = {**baseline.limits.figures, **case.limits}, baseline.case[name].figures
         for key, value in approved.items():
             if key not in case.figures:
-                why = subject.lacking(FIGURES[key].needs) or f"a {case.kind} has no such figure"
+                why = subject.lacking(ALL[key].needs) or f"a {case.kind} has no such figure"
                 raise EmcasError(f"{folder}: case.{name}.figures.{key}: {why}; remove the line")
             rows.append(Row(name, key, unit_of(key), value, case.figures[key],
                             limits[key].of(value) if key in limits else None))

@@ -19,7 +19,7 @@ from ...bench import metrics
 from ...bench.excitation import Excitation, csv_file, motion, reference_case
 from ...bench.frequency_response import sweep_response
 from ...bench.measure import sweep_figures
-from ...bench.metrics import FIGURES, shown
+from ...bench.metrics import figures_of, shown
 from ...bench.runs import Run
 from ...bench.subject import Subject
 from ...errors import EmcasError, hint
@@ -35,18 +35,13 @@ NEVER = "never"
 LONGEST = 60.0  # s, longest duration in a case: the time that fmpy needs grows with the square of the length
 
 Array = NDArray[np.floating[Any]]
-_ELECTRICAL = ("peak_current", "rms_current", "peak_power", "energy_drawn", "energy_returned")
-_MOTION = ("rise_time", "settling_time", "time_to_accuracy", "overshoot", "steady_error", "held_error", "ripple",
-           "sustained_rate", "peak_rate", *_ELECTRICAL)
-_SWEPT = ("bandwidth_3db", "bandwidth_90deg", "peak_gain", *_ELECTRICAL)
-_PEAKS = ("peak_rate", "peak_angle", *_ELECTRICAL)
-ALL = tuple(dict.fromkeys((*_MOTION, *_SWEPT, *_PEAKS)))
+ALL = figures_of("jump", "sweep", "usage")
 """Figures of the bench that a baseline may have; the kind of a case determines its figures."""
 
 
 def unit_of(figure: str) -> str:
     """Return the unit of a figure in files."""
-    return shown(FIGURES[figure].unit)[0]
+    return shown(ALL[figure].unit)[0]
 
 
 def output_units(model: str) -> dict[str, tuple[str, float]]:
@@ -162,12 +157,12 @@ class Case(Table):
 
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:
         """Return the figures [unit_of] of a finished run for which the actuator has the required outputs."""
-        return _kept(_PEAKS, metrics.usage(run))
+        return _in_file(metrics.usage(run))
 
 
-def _kept(names: tuple[str, ...], figures: Mapping[str, float]) -> dict[str, float]:
-    """Return those of the figures `names` that `figures` [SI] contains, as in a file."""
-    return {name: rounded(figures[name] * shown(FIGURES[name].unit)[1]) for name in names if name in figures}
+def _in_file(figures: Mapping[str, float]) -> dict[str, float]:
+    """Return figures [SI] as in a file."""
+    return {name: rounded(figures[name] * shown(figure.unit)[1]) for name, figure in ALL.items() if name in figures}
 
 
 class Motion(Case):
@@ -186,8 +181,8 @@ class Motion(Case):
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:
         if self.sweeps:
             swept = sweep_figures(sweep_response(run), subject, abs(self.amplitude), self.start)
-            return _kept(_SWEPT, {**metrics.usage(run), **swept})
-        return _kept(_MOTION, {**metrics.usage(run), **metrics.motion(run, -1)})
+            return _in_file({**metrics.usage(run), **swept})
+        return _in_file({**metrics.usage(run), **metrics.motion(run, -1)})
 
 
 class Reference(Case):

@@ -16,7 +16,7 @@ import numpy as np
 from ...actuators import get
 from ...bench.excitation import COMMAND, Excitation, motion
 from ...bench.frequency_response import sweep_response, swept
-from ...bench.metrics import FIGURES, Figure, leap_weights, leaping_power, usage
+from ...bench.metrics import Figure, figures_of, leap_weights, power_figures, usage
 from ...bench.metrics import motion as moved
 from ...bench.runs import Run
 from ...bench.subject import Subject, left_out
@@ -39,19 +39,6 @@ POWER = "supply_power"
 # Rows of power for each row of the other outputs: the drive has short transients after each sample of the controllers.
 POWER_ROWS = 5
 _PERIOD = "controller.sample_time"
-_ALL = "all"
-# By column: the bench's name of the figure, and the kinds of motion that have it.
-_COLUMNS: Mapping[str, tuple[str, str]] = {
-    **{name: (name, "jumps") for name in ("rise_time", "settling_time", "overshoot", "steady_error", "sustained_rate")},
-    **{name: (name, "sweeps") for name in ("bandwidth_3db", "bandwidth_90deg", "peak_gain")},
-    "peak_rate": ("peak_rate", _ALL),
-    "tracking_error_peak": ("peak_tracking_error", "does not jump"),
-    "tracking_error_rms": ("rms_tracking_error", _ALL),
-    "power_peak": ("peak_power", _ALL),
-    "power_rms": ("rms_power", _ALL),
-    "energy": ("net_energy", _ALL),
-    **{name: (name, _ALL) for name in ("peak_current", "rms_current", "saturated_share", "at_stop_share")},
-}
 
 
 @dataclass(frozen=True)
@@ -147,21 +134,18 @@ _SHAPES: Mapping[str, Callable[[Array, Number], Any]] = {
 
 @cache
 def figures(kind: str, model: str) -> Mapping[str, Figure]:
-    """Return the figures in experiments of a `kind` for which the actuator has the outputs, by column name."""
-    outputs, of_kind = {v.name for v in get(model).outputs}, KINDS[kind]
-    groups = {_ALL, "jumps" if of_kind.jumps else "does not jump", *(["sweeps"] if of_kind.sweeps else [])}
-    return {name: FIGURES[figure] for name, (figure, group) in _COLUMNS.items()
-            if group in groups and outputs.issuperset(FIGURES[figure].needs)}
+    """Return the figures in experiments of a `kind` for which the actuator has the outputs, by name."""
+    outputs = {v.name for v in get(model).outputs}
+    return {name: figure for name, figure in figures_of(*KINDS[kind].runs).items() if outputs.issuperset(figure.needs)}
 
 
 def lacking(model: str) -> dict[str, list[str]]:
-    """Return, by reason, the names of the columns that an actuator does not have."""
-    return left_out({name: FIGURES[figure] for name, (figure, _) in _COLUMNS.items()},
-                    [v.name for v in get(model).outputs])
+    """Return, by reason, the names of the figures that an actuator does not have."""
+    return left_out(figures_of("jump", "sweep", "usage"), [v.name for v in get(model).outputs])
 
 
 def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps: Sequence[Array]) -> dict[str, Any]:
-    """Return the figures [runs] of finished runs by the bench's names; nan for a level that is never reached.
+    """Return the figures [runs] of finished runs by name; nan for a level that is never reached.
 
     The column POWER has POWER_ROWS values for each row. The power jumps at the times `leaps` [s] after the command: one
     array for all runs, or one for each run. Raises ValueError for a step without height.
@@ -173,7 +157,7 @@ def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps
     if POWER in run.columns:
         power = run.columns[POWER][..., begin * POWER_ROWS:]
         weights = [leap_weights(power.shape[-1], run.excitation.step / POWER_ROWS, each) for each in leaps]
-        measures |= leaping_power(power, weights[0] if len(weights) == 1 else np.stack(weights))
+        measures |= power_figures(power, weights[0] if len(weights) == 1 else np.stack(weights))
     if KINDS[experiment.kind].jumps:
         command, moves = run.excitation.command, run.excitation.moves
         before = moves[-2].level if len(moves) > 1 else command[..., 0]
@@ -196,11 +180,6 @@ def _bandwidths(measures: dict[str, float]) -> dict[str, float]:
     gain, phase = measures["bandwidth_3db"], measures["bandwidth_90deg"]
     return {**measures, "bandwidth_3db": beyond if isnan(gain) or not follows else gain,
             "bandwidth_90deg": beyond if isnan(phase) else phase}
-
-
-def named(experiment: Experiment, model: str, measures: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the measured figures of an experiment by column name, from `measures` by the bench's names."""
-    return {f"{experiment.name}.{name}": measures[_COLUMNS[name][0]] for name in figures(experiment.kind, model)}
 
 
 def leaps(subject: Subject, changes: Mapping[str, Any], run: Run) -> list[Array]:

@@ -22,7 +22,6 @@ from ...extensions.faults import BUILT_IN_TEST, FAULT_WORD
 from ...extensions.monitors import possible
 from ...simulation import Array
 from ...variables import Variable
-from .experiments import Experiment
 from .study import Study
 
 NONE, SEVERAL = "no fault", "several faults"
@@ -46,23 +45,23 @@ def reductions(model: str) -> Mapping[str, Reduction]:
 
 def _reductions(v: Variable) -> dict[str, tuple[Figure | None, Callable[[Array, Array], Any]]]:
     def figure(unit: str, title: str, bad: float = 1.0) -> Figure:
-        return Figure(unit, title, (v.name,), bad)
+        return Figure(unit, title, needs=(v.name,), bad=bad)
 
     def last(kind: type) -> Callable[[Array, Array], Any]:
         return lambda column, time: column[..., -1].astype(kind)
 
     if v.kind == "Real":
-        return {"last": (figure(v.unit, f"{v.description}, at the end"), last(float)),
+        return {"final": (figure(v.unit, f"{v.description}, at the end"), last(float)),
                 "largest": (figure(v.unit, f"{v.description}, largest"), lambda column, time: column.max(axis=-1)),
                 "smallest": (figure(v.unit, f"{v.description}, smallest", -1.0),
                              lambda column, time: column.min(axis=-1))}
     if v.kind == "Boolean":
-        return {"last": (None, last(bool)), "share": (
+        return {"final": (None, last(bool)), "share": (
             figure("1", f"share of the time in which {v.name} is true", -1.0),
             lambda column, time: column.mean(axis=-1))}
     if v.items:
-        return {"last": (None, lambda column, time: np.array([v.in_words(x) for x in column[..., -1]], dtype=object))}
-    return {"last": (None, last(np.int64)), **({
+        return {"final": (None, lambda column, time: np.array([v.in_words(x) for x in column[..., -1]], dtype=object))}
+    return {"final": (None, last(np.int64)), **({
         "ever": (None, lambda column, time: np.bitwise_or.reduce(column.astype(np.int64), axis=-1)),
         "first": (figure("s", f"when {v.name} first has a bit set"), _first)} if v.bits else {})}
 
@@ -72,11 +71,11 @@ def _first(column: Array, time: Array) -> Array:
     return np.where(column.any(axis=-1), time[first], np.nan)
 
 
-def reduced(experiment: Experiment, model: str, run: Run) -> dict[str, Array]:
-    """Return figures and observations [runs] of finished runs by column name."""
+def reduced(model: str, run: Run) -> dict[str, Array]:
+    """Return figures and observations [runs] of finished runs by name."""
     begin = run.excitation.begin
     judged = dict(zip(run.columns, since(begin, *run.columns.values()), strict=True))
-    return {f"{experiment.name}.{name}": reduction.value(judged[reduction.output.name], judged["time"] - begin)
+    return {name: reduction.value(judged[reduction.output.name], judged["time"] - begin)
             for name, reduction in reductions(model).items()}
 
 

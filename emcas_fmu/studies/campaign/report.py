@@ -30,7 +30,7 @@ _SHOWN = 5, 50, 95  # percentiles in the terminal's tables
 _COLUMNS = 3  # plots in a row of a picture
 _MOST_FACTORS = 12  # most factors in a plot
 _MOST_BINS = 40
-_MOST_WORST = 6  # most samples in the picture of the worst samples
+_MOST_WORST = 6  # most samples in the picture of the worst samples, and most names of figures in a sample's label
 _MOST_LEVELS = 8  # most levels of a choice that are listed
 
 
@@ -98,7 +98,8 @@ def worst(summary: Summary, experiment: Experiment, spreads: Sequence[Spread]) -
                                          width=10.0, height=2.4)
     for k, ((index, names), response) in enumerate(zip(ranked, responses, strict=True)):
         time = (response.time - response.excitation.begin) * unit_of_time
-        look = {"color": COLORS[k % len(COLORS)], "label": f"{index}: {', '.join(names)}"}
+        more = f" and {len(names) - _MOST_WORST} more" if len(names) > _MOST_WORST else ""
+        look = {"color": COLORS[k % len(COLORS)], "label": f"{index}: {', '.join(names[:_MOST_WORST])}{more}"}
         if not k:
             angle.step(time, np.degrees(response.excitation.command), where="post", **COMMAND)
         angle.plot(time, response.in_unit("fin_angle", "deg"), **look)

@@ -18,6 +18,7 @@ import numpy as np
 
 from ...actuators import extension_outputs
 from ...bench.fmu_subject import open_subject
+from ...bench.measure import recorded
 from ...bench.metrics import Figure
 from ...bench.subject import Subject
 from ...bench.verdict import evaluate, worst_of
@@ -45,7 +46,7 @@ def columns(study: Study) -> dict[str, Figure]:
     added = {name: r.figure for name, r in reductions(study.model).items() if r.figure}
     return {**{f"{experiment.name}.{name}": figure for experiment in study.experiments
                for name, figure in {**experiments.figures(experiment.kind, study.model), **added}.items()},
-            **{f"{REQUIREMENT}.{r.name}": Figure(r.unit, r.title or r.how, (), r.sign)
+            **{f"{REQUIREMENT}.{r.name}": Figure(r.unit, r.title or r.how, bad=r.sign)
                for r in study.specification.requirements}}
 
 
@@ -130,10 +131,10 @@ def _entries(study: Study, drawn: Array, subject: Subject) -> tuple[dict[str, An
                                            for name, value in table.items()} for table in (changes, numbers))
         leaps = experiments.leaps(subject, changes_of_run, run)
         figures = experiments.measured(experiment, numbers_of_run, run, leaps)
-        for name, column in {**experiments.named(experiment, study.model, figures),
-                             **reduced(experiment, study.model, run)}.items():
-            entries[name] = np.full(len(drawn), np.nan if column.dtype.kind == "f" else 0, column.dtype)
-            entries[name][finished] = column
+        for name, column in {**figures, **reduced(study.model, run)}.items():
+            entry = np.full(len(drawn), np.nan if column.dtype.kind == "f" else 0, column.dtype)
+            entry[finished] = column
+            entries[f"{experiment.name}.{name}"] = entry
     good = [k for k in range(len(drawn)) if k not in errors]
     differences = [{name: value[k].item() if np.ndim(value) else value for name, value in changes.items()}
                    for k in good]
@@ -147,7 +148,7 @@ def _entries(study: Study, drawn: Array, subject: Subject) -> tuple[dict[str, An
 @cache
 def _outputs(kind: str, model: str) -> tuple[str, ...]:
     """Return the outputs to record in an experiment of a `kind`."""
-    needed = (name for figure in experiments.figures(kind, model).values() for name in figure.needs)
+    needed = recorded(experiments.figures(kind, model))
     return tuple(dict.fromkeys((*needed, *(v.name for v in extension_outputs(model)))))
 
 

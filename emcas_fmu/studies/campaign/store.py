@@ -31,7 +31,7 @@ from .extension_outputs import observed
 from .sample import Rows, columns
 from .study import Study
 
-SCHEMA = "emcas-campaign/1"
+SCHEMA = "emcas-campaign/2"
 MANIFEST, PARTS, LOCK, OWNER = "campaign.json", "samples", ".lock", ".owner"
 _TYPES = {"Real": pa.float64(), "Integer": pa.int64(), "Boolean": pa.bool_(), "Enumeration": pa.string()}
 _WITHOUT_EFFECT = {"title", "source", "reason"}  # fields of a requirement that do not affect rows

@@ -240,7 +240,7 @@ def as_dict(summary: Summary, command: str) -> dict[str, Any]:
         "tallies": [{"name": name, "samples": counts} for name, counts in summary.tallies.items()],
         "findings": [asdict(finding) for finding in summary.findings]}
     return {
-        "schema": "emcas-campaign-summary/1", "version": __version__, "guid": study.guid, "command": command,
+        "schema": "emcas-campaign-summary/2", "version": __version__, "guid": study.guid, "command": command,
         "method": study.method, "seed": study.seed, "samples": study.samples, "done": summary.done,
         "failed": summary.failed, "runs": "FMU" if study.fmu else "kernel", "fmu_sha256": study.fmu_sha256,
         "fin": study.fin, **of_model,

@@ -86,21 +86,28 @@ function rest(run) {
 }
 
 const REDUCTIONS = {peak: magnitude, rms, share: column => mean(column.map(x => Number(x > 0.5)))};
-const POWERS = [[1, "peak_power", "energy_drawn"], [-1, "peak_returned_power", "energy_returned"]];
 
 /** The usage figures of a run from `begin` [s] on whose outputs the run contains. */
 function usage({excitation: {time: rows}, outputs: whole}, begin = 0) {
     const [time, ...columns] = between(begin, Infinity, rows, ...Object.values(whole)), figures = {};
     const outputs = Object.fromEntries(Object.keys(whole).map((name, k) => [name, columns[k]]));
-    for (const [name, [reduction, output]] of Object.entries(DATA.usage)) {
-        if (outputs[output]) figures[name] = REDUCTIONS[reduction](outputs[output]);
+    for (const [name, {reduction, needs: [output]}] of Object.entries(DATA.figures)) {
+        if (reduction && outputs[output]) figures[name] = REDUCTIONS[reduction](outputs[output]);
     }
-    for (const [sign, peak, energy] of outputs.supply_power ? POWERS : []) {
-        const flow = outputs.supply_power.map(x => Math.max(sign * x, 0));
-        figures[peak] = largest(flow);
-        figures[energy] = flow.reduce((sum, x, k) => k ? sum + (x + flow[k - 1]) / 2 * (time[k] - time[k - 1]) : 0, 0);
-    }
-    return figures;
+    return outputs.supply_power ? {...figures, ...powerFigures(time, outputs.supply_power)} : figures;
+}
+
+/** The usage figures of the supply's power [W]; integrals by the trapezoidal rule. */
+function powerFigures(time, power) {
+    const integral = column => column.reduce((sum, x, k) =>
+        k ? sum + (x + column[k - 1]) / 2 * (time[k] - time[k - 1]) : 0, 0);
+    const [drawn, returned] = [1, -1].map(sign => power.map(x => Math.max(sign * x, 0)));
+    const net = integral(power), duration = time[time.length - 1] - time[0];
+    return {
+        peak_power: largest(drawn), energy_drawn: integral(drawn), peak_returned_power: largest(returned),
+        energy_returned: integral(returned), net_energy: net, mean_power: net / duration,
+        rms_power: Math.sqrt(integral(power.map(x => x * x)) / duration),
+    };
 }
 
 /** All figures of a run; those of a motion only if the command jumps exactly once from `begin` of the excitation on. */

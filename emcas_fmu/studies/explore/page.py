@@ -140,9 +140,9 @@ def document(subject: ParameterSubject, inputs: Mapping[str, float], specificati
         "limits": {"not_finite": rules.NOT_FINITE, "below": rules.BELOW, "above": rules.ABOVE},
         "clipping": {"message": CLIPPED, "rounding": ROUNDING, "in_degrees": IN_DEGREES, "like_degrees": LIKE_DEGREES},
         "most_numbers": MOST_NUMBERS + 1, "reasons": REASONS,
-        "figures": {name: {"title": figure.title, "shown": _shown(figure.unit)}
-                    for name, figure in metrics.FIGURES.items() if name in (*metrics.MOTION, *metrics.USAGE)},
-        "headlines": _HEADLINES, "usage": metrics.REDUCED, "constants": _CONSTANTS,
+        "figures": {name: {"title": each.title, "shown": _shown(each.unit), "needs": each.needs,
+                           "reduction": each.reduction} for name, each in metrics.figures_of("jump", "usage").items()},
+        "headlines": _HEADLINES, "constants": _CONSTANTS,
         **_judging(specification, subject),
         **_excitations(parameters.values["command.limit"], starts[LOAD], specification.rated_load),
     }))

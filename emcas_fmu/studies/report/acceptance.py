@@ -32,12 +32,12 @@ from . import accuracy, budget, mission, responses, stiffness
 from .outcome import Outcome, Quantity, Rig, Value, bound
 from .pictures import pictures
 
-SCHEMA = "emcas-acceptance/2"
+SCHEMA = "emcas-acceptance/3"
 """Name and version of the JSON layout; the number changes when a field is removed or changes its meaning."""
 TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome], tuple[Quantity, ...]]] = {
-    "step_response": ("Step response", responses.steps, responses.STEP),
+    "step_response": ("Step response", responses.steps, responses.MOTION),
     "frequency_response": ("Frequency response", responses.frequency, responses.FREQUENCY),
-    "slew_rate": ("Slew rate", responses.slews, responses.SLEW),
+    "slew_rate": ("Slew rate", responses.slews, responses.MOTION),
     "static_accuracy": ("Static accuracy", accuracy.static, accuracy.STATIC),
     "accuracy_budget": ("Accuracy budget", budget.measure, budget.QUANTITIES),
     "threshold": ("Threshold and resolution", accuracy.threshold, accuracy.THRESHOLD),

@@ -2,36 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ...bench.excitation import COMMAND, LOAD, Excitation, times
-from ...bench.metrics import FIGURES, rms, usage
+from ...bench.metrics import displayed, usage
 from ...motions import STEP
-from .outcome import Array, Group, Outcome, Quantity, Rig, Value
+from .outcome import Array, Group, Outcome, Quantity, Rig, quantities, quantity
 
 LAG = 0.02  # s, lag of the hinge moment behind the command in the synthetic profile
 RATE = 150.0  # deg/s, largest rate of the command in the synthetic profile
 # Phase, its end [s], and the hinge moment at the end of the range as a share of the rated load.
 PHASES = (("launch", 2.0, 0.1), ("pitch-over", 5.0, 0.5), ("midcourse", 10.0, 0.6), ("terminal", 15.0, 1.0))
 
-# Figures of the bench, with their names in a result.
-_USAGE = {
-    name: Quantity(key, FIGURES[name].title, label, FIGURES[name].needs) for name, key, label in (
-        ("rms_current", "motor_current_rms_a", "RMS current"), ("peak_current", "motor_current_peak_a", "peak current"),
-        ("peak_power", "supply_power_peak_w", "peak power"),
-        ("peak_returned_power", "regenerated_power_peak_w", "peak power fed back"),
-        ("energy_drawn", "energy_drawn_j", "energy drawn"),
-        ("energy_returned", "energy_regenerated_j", "energy regenerated"),
-        ("net_energy", "net_energy_j", "net energy"))}
-QUANTITIES = (
-    *_USAGE.values(),
-    Quantity("supply_power_mean_w", "net energy divided by the profile's duration", "mean power", ("supply_power",)),
-    Quantity("tracking_error_rms_deg", "root mean square of command - angle", "RMS tracking error"),
-    Quantity("limited_percent", "share of the time in which a limit is active", "limited", ("saturated",)),
-    Quantity("duration_s", "duration of the profile", "duration"))
-_HEADLINE = tuple(_USAGE[name] for name in ("rms_current", "peak_power", "energy_drawn", "energy_returned"))
+QUANTITIES = (*quantities("usage"), Quantity("duration_s", "duration of the profile", "duration"))
+_HEADLINE = tuple(map(quantity, ("rms_current", "peak_power", "energy_drawn", "energy_returned")))
 
 
 def synthetic(limit: float, load: float) -> tuple[Array, Array]:
@@ -75,19 +59,9 @@ def measure(rig: Rig) -> Outcome:
         profile, name, estimate = rig.mission, "file", ""
         method = f"Profile of {profile.title}, {profile.stop:g} s, inputs constant over 1 ms."
     run = rig.run(profile)
-    used, limit, duration = usage(run), rig.subject.command_limit, float(run.columns["time"][-1])
-    clipped = run.excitation.holding({COMMAND: np.clip(profile.command, -limit, limit)})
-    if "energy_drawn" in used:
-        used["net_energy"] = used["energy_drawn"] - used["energy_returned"]
-    figures: dict[str, Value] = {q.key: used[each] for each, q in _USAGE.items() if each in used}
-    if "net_energy" in used:
-        figures["supply_power_mean_w"] = used["net_energy"] / duration if duration else 0.0
-    figures["tracking_error_rms_deg"] = float(np.degrees(rms(clipped.command - run.columns["fin_angle"])))
-    if "saturated_share" in used:
-        figures["limited_percent"] = 100.0 * used["saturated_share"]
-    figures["duration_s"] = duration
+    figures = {**displayed(usage(run)), "duration_s": float(run.columns["time"][-1])}
     return Outcome(
         f"{method} Outputs are read every 1 ms: transients of the current loop are shorter, and their power can be "
         "higher." + ("" if "link_voltage" in rig.subject.outputs else
                      " Whether the supply can absorb the returned power is not modelled."),
-        {name: Group(profile.title, figures, _HEADLINE, data=replace(run, excitation=clipped))}, estimate=estimate)
+        {name: Group(profile.title, figures, _HEADLINE, data=run)}, estimate=estimate)

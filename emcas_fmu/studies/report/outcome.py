@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from ...bench import measure, metrics
+from ...bench import measure
 from ...bench.excitation import Excitation
-from ...bench.metrics import FIGURES, in_words, result_name, unit_of
+from ...bench.metrics import FIGURES, figures_of, in_words, result_name, unit_of
 from ...bench.requirements import Specification, load_requirements
 from ...bench.runs import Run
 from ...bench.subject import Subject
@@ -20,7 +20,8 @@ from ...pages.numbers import with_unit
 
 Array = NDArray[Any]
 Value = float | bool
-RECORDED = ("fin_angle", "fin_rate", "motor_current", "supply_power", "saturated", "at_stop")
+RECORDED = measure.recorded(figures_of("jump", "usage"))
+_LABELS = {"bandwidth_3db": "-3 dB", "bandwidth_90deg": "-90 deg"}
 
 
 @dataclass(frozen=True)
@@ -67,17 +68,15 @@ class Quantity(NamedTuple):
     needs: tuple[str, ...] = ()
 
 
-def quantities(*names: str, **labels: str) -> tuple[Quantity, ...]:
-    """Return figures of the bench; `names` have their own name as label, `labels` map further names to labels."""
-    keys = {name: result_name(name)[0] for name in (*names, *labels)}
-    return tuple(Quantity(key, FIGURES[name].title, labels.get(name, in_words(key)), FIGURES[name].needs)
-                 for name, key in keys.items())
+def quantity(name: str) -> Quantity:
+    """Return a figure of the bench."""
+    key, figure = result_name(name)[0], FIGURES[name]
+    return Quantity(key, figure.title, _LABELS.get(name, in_words(key)), figure.needs)
 
 
-def displayed(figures: Mapping[str, float], chosen: tuple[Quantity, ...]) -> dict[str, Value]:
-    """Return the `chosen` figures by their names in a result, converted from SI to the units in these names."""
-    values = metrics.displayed(figures)
-    return {q.key: values[q.key] for q in chosen}
+def quantities(*runs: str) -> tuple[Quantity, ...]:
+    """Return the bench's figures of these kinds of run."""
+    return tuple(map(quantity, figures_of(*runs)))
 
 
 def bound(key: str, value: Value) -> str:

@@ -9,39 +9,36 @@ import numpy as np
 from ...bench.excitation import HOLD, Excitation, step_to, sweep
 from ...bench.frequency_response import SWEPT, sweep_response
 from ...bench.measure import BANDWIDTHS, Test, excitation, sweep_figures
-from ...bench.metrics import motion
+from ...bench.metrics import displayed, motion
 from ...motions import LOAD_RISE, SETTLE, SWEEP
-from .outcome import Group, Outcome, Quantity, Rig, displayed, quantities
+from .outcome import Group, Outcome, Quantity, Rig, quantities, quantity
 
 SIZES = (1.0, 5.0, 10.0)  # deg, of the steps; a step to the end of the range is added
 DURATION = 1.0  # s, of a slew after the command
 _TINY = 1e-9  # deg; a size this close to the limit is the limit
 
-STEP = quantities("rise_time", "settling_time", "overshoot", "steady_error")
-FREQUENCY = quantities(bandwidth_3db="-3 dB", bandwidth_90deg="-90 deg", peak_gain="largest gain",
-                       lowest_coherence="lowest coherence")
-SLEW = quantities("sustained_rate", "peak_rate", time_to_90_percent="time to 90 %")
+MOTION, FREQUENCY = quantities("jump"), quantities("sweep")
+_STEP = tuple(map(quantity, ("rise_time", "settling_time", "overshoot")))
+_SLEW = (quantity("sustained_rate"),)
 
 
 def steps(rig: Rig) -> Outcome:
     """Measure steps without load, from rest at 0 deg to each size with both signs."""
     limit = round(rig.limit, 9)
     sizes = [*(size for size in SIZES if size < limit - _TINY), limit]
-    headlines = {1.0: STEP[:2], sizes[-1]: STEP[:3]}
+    headlines = {1.0: _STEP[:2], sizes[-1]: _STEP}
     return Outcome(
         f"From rest at 0 deg the command steps to each size and is constant for {HOLD:g} s; no load. Outputs are "
         "read every 1 ms.",
         {f"{sign}_{size:g}deg".replace(".", "p"):
-         _group(rig, f"{side * size:+g} deg", step_to(radians(side * size), HOLD), STEP,
-                headlines.get(side * size, ()))
+         _group(rig, f"{side * size:+g} deg", step_to(radians(side * size), HOLD), headlines.get(side * size, ()))
          for size in sizes for sign, side in (("plus", 1.0), ("minus", -1.0))})
 
 
-def _group(rig: Rig, label: str, excited_by: Excitation, chosen: tuple[Quantity, ...],
-           headline: tuple[Quantity, ...]) -> Group:
-    """Return the group with the `chosen` figures of the last step of the command."""
+def _group(rig: Rig, label: str, excited_by: Excitation, headline: tuple[Quantity, ...]) -> Group:
+    """Return the group with the figures of the last step of the command."""
     run = rig.run(excited_by)
-    return Group(label, displayed(motion(run, -1), chosen), headline, data=run)
+    return Group(label, displayed(motion(run, -1)), headline, data=run)
 
 
 def frequency(rig: Rig) -> Outcome:
@@ -58,7 +55,7 @@ def frequency(rig: Rig) -> Outcome:
             notes.append(f"At {amplitude:g} deg there is no bandwidth: the fin angle is not a sine of the command's "
                          "frequency.")
         groups[name] = Group(
-            f"{amplitude:g} deg", displayed(measured, FREQUENCY), FREQUENCY[:2],
+            f"{amplitude:g} deg", displayed(measured), FREQUENCY[:2],
             {"frequency_hz": response.frequency, "gain_db": response.gain_db, "phase_deg": np.degrees(response.phase),
              "coherence": response.coherence}, response)
     return Outcome(
@@ -72,12 +69,12 @@ def frequency(rig: Rig) -> Outcome:
 
 def slews(rig: Rig) -> Outcome:
     """Measure slews from one end of the range to the other: unloaded, against the rated load and with it."""
-    loads = (("unloaded", "unloaded", 0.0, SLEW[:1]), ("opposing", f"against {rig.load:g} N.m", -rig.load, SLEW[:1]),
+    loads = (("unloaded", "unloaded", 0.0, _SLEW), ("opposing", f"against {rig.load:g} N.m", -rig.load, _SLEW),
              ("aiding", f"with {rig.load:g} N.m", rig.load, ()))
     return Outcome(
         f"Slews from -{rig.limit:g} to +{rig.limit:g} deg, and in other runs back, after {SETTLE:g} s at the starting "
         f"end without load. The load rises within {LOAD_RISE * 1e3:g} ms after the command and is then constant: "
         "against the motion (opposing) or with it (aiding).",
         {f"{load}_{direction}": _group(rig, f"{label}, {direction}", excitation(
-            Test("slew", radians(rig.limit), DURATION, torque), sign, rig.subject), SLEW, headline)
+            Test("slew", radians(rig.limit), DURATION, torque), sign, rig.subject), headline)
          for load, label, torque, headline in loads for direction, sign in (("positive", 1.0), ("negative", -1.0))})
