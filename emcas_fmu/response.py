@@ -235,7 +235,7 @@ class Response:
         `path` ends in ``.html`` (a page with figures), ``.svg``, ``.png`` or ``.pdf``. Returns the Matplotlib figure,
         which a notebook shows. Raises EmcasError for another ending, or a file that cannot be written.
         """
-        from .figures.plots import style, write  # with Matplotlib, a third of the start of every command
+        from .plotting.plots import style, write  # with Matplotlib, a third of the start of every command
         from .response_plot import draw
 
         with style():
@@ -250,7 +250,7 @@ class Response:
 
     def _write_page(self, plotted: Figure, path: Path) -> None:
         """Write a page with the figures and the plot; call it inside `style()`."""
-        from .figures.plots import picture
+        from .plotting.plots import picture
 
         shown = picture(plotted, self.excitation.title, "Command, outputs and limits over time; shaded where a limit "
                                                       f"{'of any fin ' * (self.unit.fins > 1)}is active.")

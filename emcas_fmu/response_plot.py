@@ -15,10 +15,10 @@ from .bench import metrics
 from .bench.conditions import ESTIMATE
 from .bench.excitation import COMMAND
 from .bench.runs import Columns, Run
-from .figures.plots import COLORS, legend, shade, time_axis
-from .figures.plots import COMMAND as COMMAND_LINE
-from .figures.plots import panels as grid_of
 from .fmi.interface import FmuInterface
+from .plotting.plots import COLORS, legend, shade, time_axis
+from .plotting.plots import COMMAND as COMMAND_LINE
+from .plotting.plots import panels as grid_of
 from .variables import Variable
 
 _LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # styles of outputs in a panel, for several fins

@@ -27,15 +27,15 @@ from lark import Lark
 from matplotlib.figure import Figure
 
 from emcas_fmu.actuators import NAMES
-from emcas_fmu.figures import plots
-from emcas_fmu.fmi import figures
+from emcas_fmu.fmi import pictures
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.plotting import plots
 from emcas_fmu.runtime import compiler, library
 from emcas_fmu.runtime.compiler import local_platform
 
 ShippedUnit = Callable[..., Path]
-_DRAWN = plots.svg, figures.response_pictures
+_DRAWN = plots.svg, pictures.response_pictures
 Once = Callable[[str, Callable[[Path], object]], Path]
 
 # No deadline: the time of an example depends on the machine and its load.
@@ -114,7 +114,7 @@ def leave_undrawn(patch: pytest.MonkeyPatch) -> None:
         return f'<svg role="img" aria-label="{escape(label)}" viewBox="0 0 1 1"></svg>'
 
     patch.setattr(plots, "svg", empty)
-    patch.setattr(figures, "response_pictures", lambda _: ())
+    patch.setattr(pictures, "response_pictures", lambda _: ())
 
 
 @pytest.fixture
@@ -168,7 +168,7 @@ def shipped_unit(once: Once) -> ShippedUnit:
         def make(folder: Path) -> None:
             with pytest.MonkeyPatch.context() as patch:
                 patch.setattr(plots, "svg", _DRAWN[0])
-                patch.setattr(figures, "response_pictures", _DRAWN[1])
+                patch.setattr(pictures, "response_pictures", _DRAWN[1])
                 if fins > 1 or names != "structured":
                     patch.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-O0"))
                 build(load_parameters(), folder / file, backend, platforms, fins=fins, fmi=fmi, names=names)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from make_tables import save
 
-from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.plotting import plots
 from emcas_fmu.studies.analysis import pictures
 from emcas_fmu.studies.analysis.analyse import analyse
 

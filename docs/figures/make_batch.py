@@ -18,7 +18,7 @@ import numpy as np
 from make_tables import main, markdown, save
 from matplotlib.ticker import FuncFormatter
 
-from emcas_fmu.figures import plots
+from emcas_fmu.plotting import plots
 
 SETS = {True: "own parameters", False: "one set for all"}
 LOOKS = {8: plots.VERMILLION, 4: plots.BLUE}

@@ -17,9 +17,9 @@ from make_tables import main, markdown, save
 from emcas_fmu.bench.excitation import step_to
 from emcas_fmu.bench.measure import Test, measure
 from emcas_fmu.bench.subject import ParameterSubject
-from emcas_fmu.figures import plots
 from emcas_fmu.pages.numbers import rounded
 from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.plotting import plots
 from emcas_fmu.studies.report import budget
 from emcas_fmu.studies.report.outcome import Outcome, Rig
 

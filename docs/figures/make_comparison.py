@@ -25,9 +25,9 @@ from emcas_fmu.bench.metrics import motion
 from emcas_fmu.bench.runs import Run
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.extensions.fault_list import possible
-from emcas_fmu.figures import plots
 from emcas_fmu.pages.numbers import with_unit
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.plotting import plots
 from emcas_fmu.studies.compare import sets
 from emcas_fmu.studies.report import mission, stiffness
 from emcas_fmu.studies.report.outcome import Rig, Value

@@ -15,8 +15,8 @@ from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.bench.linear.frequency import continuous_poles, margins
 from emcas_fmu.bench.measure import Test, measure
 from emcas_fmu.bench.subject import ParameterSubject
-from emcas_fmu.figures import plots
 from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.plotting import plots
 from emcas_fmu.simulation import simulate
 
 THESIS = {"controller.position.setpoint_weight": 1.0}

@@ -15,8 +15,8 @@ from make_tables import main, markdown, save
 
 from emcas_fmu.bench.excitation import reference_case
 from emcas_fmu.bench.metrics import sustained_rate
-from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.plotting import plots
 from emcas_fmu.simulation import simulate
 
 MODEL = "nonlinear+efficiency"

@@ -20,9 +20,9 @@ from emcas_fmu.bench.runs import Runs
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.extensions.fault_list import bits, possible
 from emcas_fmu.extensions.monitors import MONITORS
-from emcas_fmu.figures import plots
 from emcas_fmu.motions import STEP
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.plotting import plots
 
 BEGIN, END = 0.2, 0.4  # s, window of the faults under sines
 SINES_END, DETECTION_END = 0.6, 2.0  # s, ends of the runs under sines, and of those of detection() and failed_motor()

@@ -17,8 +17,8 @@ import numpy as np
 from make_tables import main, markdown, save
 
 from emcas_fmu.bench.metrics import settling
-from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.plotting import plots
 from emcas_fmu.simulation import simulate
 
 NONE = {f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") for n in range(7)}

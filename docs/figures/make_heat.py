@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from make_tables import save
 
-from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.plotting import plots
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis.envelope import draw, envelope
 

@@ -12,8 +12,8 @@ from make_tables import save
 
 from emcas_fmu.actuators import get
 from emcas_fmu.extensions.status import OPERATIONAL, STATUS
-from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.plotting import plots
 from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate
 

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 
 from make_tables import main, markdown, save
 
-from emcas_fmu.figures.plots import style
+from emcas_fmu.plotting.plots import style
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from examples.jsbsim.pictures import kinds

@@ -9,8 +9,8 @@ import numpy as np
 from make_tables import MODELS, save
 
 from emcas_fmu.actuators import NONLINEAR
-from emcas_fmu.figures import plots
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.plotting import plots
 from emcas_fmu.simulation import simulate
 
 # Step [deg], load [N.m], end of the run [s], title of the panel.

@@ -9,7 +9,7 @@ from fmpy import simulate_fmu
 from make_tables import save
 from matplotlib.text import Text
 
-from emcas_fmu.figures import plots
+from emcas_fmu.plotting import plots
 from emcas_fmu.reference import files
 from emcas_fmu.support.files import models_directory
 

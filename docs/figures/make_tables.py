@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, capabilities, get, get_extension
-from emcas_fmu.actuators.line import BUS
+from emcas_fmu.actuators.supply_line import BUS
 from emcas_fmu.bench.excitation import Excitation, reference_case
 from emcas_fmu.bench.linear.actuator import LOOPS as LINEAR_LOOPS
 from emcas_fmu.bench.measure import KINDS as TESTS

@@ -18,8 +18,8 @@ from emcas_fmu.actuators import NAMES, capabilities, get
 from emcas_fmu.bench.measure import Test, measure
 from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.bench.subject import ParameterSubject
-from emcas_fmu.figures import plots
 from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.plotting import plots
 
 SET = "two-degrees-of-freedom"
 KINDS = [name for name in NAMES if get(name).feed_forward is not None and (

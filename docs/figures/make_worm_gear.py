@@ -9,10 +9,10 @@ import numpy as np
 from make_tables import save
 
 from emcas_fmu.actuators import get
-from emcas_fmu.figures import plots
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import worm
+from emcas_fmu.plotting import plots
 
 MODEL = "worm-gear"
 BASE = load_parameters(model=MODEL).values

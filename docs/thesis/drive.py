@@ -6,9 +6,9 @@ from math import pi
 
 import numpy as np
 
-from emcas_fmu.figures import plots
 from emcas_fmu.ops.arrays import ARRAYS
 from emcas_fmu.physics import drive as physics
+from emcas_fmu.plotting import plots
 from emcas_fmu.studies.analysis import envelope
 from emcas_fmu.studies.identification.drive import response
 

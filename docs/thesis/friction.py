@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.figures import plots
 from emcas_fmu.ops.arrays import ARRAYS
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import friction as physics
 from emcas_fmu.physics.friction import POLYNOMIAL_SPAN
+from emcas_fmu.plotting import plots
 from emcas_fmu.simulation import Array
 
 from .entry import Shown, Table

@@ -12,9 +12,9 @@ from emcas_fmu.bench.excitation import sine_from_rest, step_to
 from emcas_fmu.bench.metrics import motion
 from emcas_fmu.control import sensors
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.figures import plots
 from emcas_fmu.ops.arrays import ARRAYS
 from emcas_fmu.physics import kinematics as physics
+from emcas_fmu.plotting import plots
 from emcas_fmu.studies.analysis.modes import load_rod, modes_at, thesis_modes
 from emcas_fmu.studies.identification import backlash as identification
 

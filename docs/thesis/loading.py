@@ -9,8 +9,8 @@ import numpy as np
 
 from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation, times
 from emcas_fmu.bench.metrics import crossing, rms, settling, sustained_rate
-from emcas_fmu.figures.plots import GRAY
 from emcas_fmu.motions import LEAD_IN, LOAD_RISE, RATED, STEP
+from emcas_fmu.plotting.plots import GRAY
 
 from . import loading_rig
 from .entry import Shown, Table

@@ -12,8 +12,8 @@ from emcas_fmu.bench.excitation import COMMAND, HOLD, Excitation, sine_from_rest
 from emcas_fmu.bench.frequency_response import of_ratio
 from emcas_fmu.bench.metrics import FIGURES, displayed, motion, rest, shown, usage
 from emcas_fmu.extensions.status import STATUS
-from emcas_fmu.figures import plots
 from emcas_fmu.motions import RATED
+from emcas_fmu.plotting import plots
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.studies.tuning import pictures as tuning_pictures
 from emcas_fmu.studies.tuning.evaluate import evaluate

@@ -11,7 +11,7 @@ from emcas_fmu.bench.frequency_response import SWEPT, sweep_response
 from emcas_fmu.bench.metrics import displayed, motion, rms
 from emcas_fmu.bench.requirements import Specification, load_requirements
 from emcas_fmu.bench.verdict import judge
-from emcas_fmu.figures import plots
+from emcas_fmu.plotting import plots
 
 from .entry import Show, Shown, Table
 from .pictures import Line, Panel, angle, command_of, current, panels, rate

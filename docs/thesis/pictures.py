@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from emcas_fmu.bench.runs import Run
-from emcas_fmu.figures import plots
-from emcas_fmu.figures.plots import COMMAND
+from emcas_fmu.plotting import plots
+from emcas_fmu.plotting.plots import COMMAND
 
 from .rigs import Columns
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from emcas_fmu.bench.subject import Identification
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.figures.plots import Picture, picture, style
+from emcas_fmu.plotting.plots import Picture, picture, style
 from emcas_fmu.support.progress import Progress, silent
 
 from .entry import REASONS, Entry, Shown

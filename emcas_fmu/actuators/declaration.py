@@ -45,7 +45,6 @@ from ..steppers.discontinuities import Discontinuity
 from ..steppers.smooth import Derivatives
 from ..variables import Terminal, Variable, parameter, with_outputs
 from . import capabilities, fin_port, positional, stepped
-from .line import Supply as Supply
 from .lists import check_functions, check_imperfections, check_lists
 from .plant_fault import PlantFault as PlantFault
 from .plant_fault import check_names
@@ -55,6 +54,7 @@ from .state import FIN as FIN
 from .state import PlantInputs as PlantInputs
 from .state import SampleInputs as SampleInputs
 from .state import State as State
+from .supply_line import Supply as Supply
 
 Values = Mapping[str, Value]
 Parameters = Any

@@ -20,8 +20,8 @@ from rich.segment import Segment
 
 from ..actuators import EXTENSIONS, FMU_ONLY, HALVES, NAMES, NONLINEAR, split
 from ..errors import EmcasError, EmcasWarning, in_words, writing
-from ..figures import check_ending
 from ..pages.terminal import table as table
+from ..plotting import check_ending
 from ..support.files import as_given
 from ..support.progress import LOG, Progress
 from ..support.writing import try_file, try_folder

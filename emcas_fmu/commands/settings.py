@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 
 from ..actuators import EXTENSIONS, get_extension
-from ..actuators.line import LINES
+from ..actuators.supply_line import LINES
 from ..errors import EmcasError, hint
 from ..fmi.interface import FmuInterface
 from ..parameters import ParameterError, ParameterSet

@@ -8,7 +8,7 @@ from ..actuators import capabilities
 from ..actuators.declaration import Actuator, PlantInputs, Values
 from ..namespace import Record
 from ..ops.base import Ops, Value
-from ..physics import course, inverter
+from ..physics import inverter, step_means
 from ..steppers.electrical import electrical_mode
 
 
@@ -60,4 +60,4 @@ def mean_square(ops: Ops, actuator: Actuator, p: Any, x: Record, u: PlantInputs,
     if p.structure.current == "ideal":
         return moved["motor_current"] * moved["motor_current"]
     tau = time_constant(ops, actuator.plant_parameters(ops, p), x, u, h)
-    return course.mean_square(ops, current, moved["motor_current"], used / tau)
+    return step_means.mean_square(ops, current, moved["motor_current"], used / tau)

@@ -16,7 +16,7 @@ from ..actuators import capabilities
 from ..actuators.declaration import Actuator, PlantInputs, Values
 from ..namespace import Record, with_values, with_values_where
 from ..ops.base import Ops, Value
-from ..physics import course, drive, inverter, winding
+from ..physics import drive, inverter, step_means, winding
 from ..rules import Rule, rule, when
 from ..steppers.electrical import electrical_mode
 from ..steppers.events import PROGRESS
@@ -86,7 +86,7 @@ def extend(actuator: Actuator) -> Actuator:
             """Return the values of :class:`_Opposing` at the step's means, and the longest time of the step [s]."""
             mode = electrical_mode(ops, q, x, u, h)
             final = inverter.settled(ops, q, u.supply, mode.source - drive.back_emf(q, x.motor_speed), mode.loop)
-            expected = course.mean(ops, start, final + (start - final) * ops.exp(-h / mode.tau), h / mode.tau)
+            expected = step_means.mean(ops, start, final + (start - final) * ops.exp(-h / mode.tau), h / mode.tau)
             against = opposing(ops, q, u, x.motor_speed, expected)
             moved, used = actuator.step(ops, *acting(ops, q, x, u, side, against), h)
             speed, end = moved["motor_speed"], moved["motor_current"]
@@ -95,7 +95,8 @@ def extend(actuator: Actuator) -> Actuator:
 
             time = _event(ops, q, u, (x.motor_speed, speed), (side * start, side * end), used, ratio, h)
             middle = x.motor_speed + 0.5 * (speed - x.motor_speed) * (time / used)
-            return (*opposing(ops, q, u, middle, course.mean(ops, start, end, ratio)), ops.where(u.enabled, h, time))
+            mean = step_means.mean(ops, start, end, ratio)
+            return (*opposing(ops, q, u, middle, mean), ops.where(u.enabled, h, time))
 
         acts = ops.where(u.enabled, inverter.dead_voltage(ops, q, u.supply), q.inverter.pole_pairs) > 0.0
         *against, time = ops.branch(acts, predicted, lambda: (0.0, 0.0, 0.0, h))

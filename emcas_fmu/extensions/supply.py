@@ -18,7 +18,7 @@ from ..actuators import capabilities, fin_port
 from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values
 from ..namespace import Record
 from ..ops.base import Ops, Value
-from ..physics import course, drive, inverter, supply
+from ..physics import drive, inverter, step_means, supply
 from ..rules import rule, when
 from ..steppers.electrical import electrical_mode
 from ..steppers.events import PROGRESS
@@ -180,10 +180,10 @@ def _mean_power(ops: Ops, p: Any, start: tuple[Value, Value], end: tuple[Value, 
     Both follow an exponential; `ratio` is the step over the time constant, 0 for a line.
     """
     (_, first), (_, last) = start, end
-    magnitude, _ = course.shares(ops, ratio)
+    magnitude, _ = step_means.shares(ops, ratio)
     magnitude = ops.fabs(first) + (ops.fabs(last) - ops.fabs(first)) * magnitude
-    return (course.mean_product(ops, start, end, ratio) + p.supply.device_voltage * magnitude
-            + p.supply.device_resistance * course.mean_square(ops, first, last, ratio))
+    return (step_means.mean_product(ops, start, end, ratio) + p.supply.device_voltage * magnitude
+            + p.supply.device_resistance * step_means.mean_square(ops, first, last, ratio))
 
 
 @rule("supply.recovery_voltage = %.6g V must not be below supply.trip_voltage = %.6g V")

@@ -97,7 +97,7 @@ def _card(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, back
 
 def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
           platforms: Sequence[str], credibility: Card) -> str:
-    from .figures import response_pictures  # imports Matplotlib: a third of the start time of every command
+    from .pictures import response_pictures  # imports Matplotlib: a third of the start time of every command
 
     equations = [*interface.actuator.modules, schedule, *([interface.line.equations] if interface.line else [])]
     tables = [(title, _rows(interface, causality, sets, fmi)) for title, causality in (

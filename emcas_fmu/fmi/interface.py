@@ -16,8 +16,8 @@ from typing import Any
 
 from ..actuators import NONLINEAR, fin_port, get
 from ..actuators.declaration import Actuator
-from ..actuators.line import Line
 from ..actuators.positional import identifier
+from ..actuators.supply_line import Line
 from ..errors import EmcasError
 from ..parameters import ParameterSet, load_parameters
 from ..support.arguments import checked

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from ..actuators import NONLINEAR, external, fin_port, get, positional
 from ..actuators.declaration import Actuator, PlantFault, Supply
-from ..actuators.line import drawn
+from ..actuators.supply_line import drawn
 from ..errors import EmcasError
 from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
@@ -34,8 +34,8 @@ MOTION = slice(FIRST, FIRST + len(fin_port.MOTION))  # the vehicle's motion amon
 def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
     """Return the functions of a program: for each its name, its arguments after ops and p, and the function.
 
-    For several fins the program also mixes the commands and steps the :mod:`line <emcas_fmu.actuators.line>` of the
-    supply, if there is one.
+    For several fins the program also mixes the commands and steps the line of the supply, if there is one
+    (:mod:`emcas_fmu.actuators.supply_line`).
     """
     one: tuple[Traced, ...] = (
         ("schedule", (), lambda ops, p: schedule.schedule(ops, p, actuator)),

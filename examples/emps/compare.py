@@ -51,8 +51,8 @@ def compare(
     Exit codes: 0 done, 2 an error, 3 no records.
     """
     from emcas_fmu.commands.common import check_outputs, err, failures, out, work
-    from emcas_fmu.figures import check_image
     from emcas_fmu.pages.terminal import table
+    from emcas_fmu.plotting import check_image
     from emcas_fmu.support.writing import write
     from examples.emps.calibration import FREE, calibrated, cross_validation
     from examples.emps.records import FITTED, UNSEEN, NoRecordsError, folder_of, load
@@ -99,7 +99,7 @@ def _plot(path: Path, records: tuple[Any, ...], values: Mapping[str, float]) -> 
     """Write a picture of measured and simulated forces in both records, and of position errors in open-loop windows."""
     import numpy as np
 
-    from emcas_fmu.figures import plots
+    from emcas_fmu.plotting import plots
     from examples.emps.records import SAMPLE_TIME
     from examples.emps.simulated import force, in_windows, under_loops
 

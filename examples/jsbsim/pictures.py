@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from emcas_fmu.figures.plots import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, VERMILLION, Drawing, figure, shade
+from emcas_fmu.plotting.plots import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, VERMILLION, Drawing, figure, shade
 
 from .results import (
     AXES,

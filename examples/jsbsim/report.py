@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 
-from emcas_fmu.figures import plots
 from emcas_fmu.pages.page import write_page
 from emcas_fmu.pages.provenance import made_by
+from emcas_fmu.plotting import plots
 from emcas_fmu.studies.fitting import NAMES
 
 from .convergence import REFERENCE

@@ -17,7 +17,7 @@ if __package__ in (None, ""):  # run as a file: modules are found from the folde
 
 import emcas_fmu as emcas
 from emcas_fmu.commands.common import check_outputs
-from emcas_fmu.figures import check_image, plots
+from emcas_fmu.plotting import check_image, plots
 from examples.hardware_in_the_loop.coupling import Half
 from examples.mujoco.rig import COLUMNS, FINS, Array, Rig
 

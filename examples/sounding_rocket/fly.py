@@ -22,7 +22,7 @@ from fmpy.simulation import instantiate_fmu
 
 import emcas_fmu as em
 from emcas_fmu.commands.common import check_outputs, failures
-from emcas_fmu.figures import check_image
+from emcas_fmu.plotting import check_image
 
 try:
     from rocketpy import Environment, Flight, GenericMotor, NoseCone, Rocket, TrapezoidalFin

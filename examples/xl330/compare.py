@@ -14,7 +14,7 @@ if __package__ in (None, ""):  # run as a file: modules are found from the folde
 
 from emcas_fmu.api import EmcasError, ParameterSet
 from emcas_fmu.commands.common import check_outputs
-from emcas_fmu.figures import check_image
+from emcas_fmu.plotting import check_image
 from emcas_fmu.support.writing import write
 from examples.xl330 import records
 from examples.xl330.calibration import GENERATIONS, calibrated, groups, typical, unseen
@@ -103,7 +103,7 @@ def _unseen(words: str, runs: Sequence[Record], base: ParameterSet, splits: Sequ
 
 def draw(path: Path, runs: Sequence[Record], positions: Sequence[Array], errors: Sequence[float]) -> None:
     """Write a picture of goal, measured and simulated position of each record."""
-    from emcas_fmu.figures import plots
+    from emcas_fmu.plotting import plots
 
     with plots.style():
         figure, panels = plots.panels(len(runs), 2, width=12.0, height=2.6)

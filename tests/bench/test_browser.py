@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 
 from emcas_fmu.bench.verdict import Judged
 from emcas_fmu.cli import app
-from emcas_fmu.figures import plots
 from emcas_fmu.pages.page import write_page
 from emcas_fmu.pages.provenance import Source
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.plotting import plots
 from emcas_fmu.studies.compare.sets import Column, Result
 from tests.explore.browser import Browser, chromium
 from tests.looks.looks import contrast

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.mathtext import MathTextParser
 
-from emcas_fmu.figures import plots
-from emcas_fmu.figures.curves import curves
-from emcas_fmu.figures.thinning import packed, thinned
+from emcas_fmu.plotting import plots
+from emcas_fmu.plotting.curves import curves
+from emcas_fmu.plotting.thinning import packed, thinned
 
 # The resolution is 1/20000 of an axis: thinning changes a line by at most one, rounding by half a resolution.
 FINEST = 1.5 / 20_000.0

@@ -9,11 +9,11 @@ import pytest
 
 import emcas_fmu
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.figures.plots import Picture
 from emcas_fmu.pages.numbers import typeset, with_unit
 from emcas_fmu.pages.page import environment, outlined, write_page
 from emcas_fmu.pages.provenance import Source, made, made_by
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.plotting.plots import Picture
 from emcas_fmu.support.dates import today
 
 FOLDER = Path(emcas_fmu.__file__).parent

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from emcas_fmu.bench.frequency_response import FrequencyResponse
-from emcas_fmu.figures import plots, traces
+from emcas_fmu.plotting import plots, traces
 
 TIME = np.arange(11) * 0.1
 COLUMNS = {"time": TIME, "fin_angle": np.radians(TIME), "fin_command": np.radians(TIME), "motor_current": 2.0 * TIME,

@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 
 from emcas_fmu import api
 from emcas_fmu.actuators import get
-from emcas_fmu.actuators.line import BUS
+from emcas_fmu.actuators.supply_line import BUS
 from emcas_fmu.errors import EmcasWarning
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
 from emcas_fmu.namespace import namespace

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.figures.plots import style
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.plotting.plots import style
 from examples.jsbsim.actuators import Ideal
 from examples.jsbsim.flight import MANOEUVRES
 from examples.jsbsim.fmu import Fmu

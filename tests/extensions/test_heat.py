@@ -21,7 +21,7 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.physics import course, heat
+from emcas_fmu.physics import heat, step_means
 from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate
 from tests.marks import others_slow
@@ -136,8 +136,8 @@ def test_mean_square_of_an_exponential(ratio: float) -> None:
     start, end = 7.0, -12.0
     final = (end - start * exp(-ratio)) / -np.expm1(-ratio)
     exact = quad(lambda s: (start + (final - start) * -np.expm1(-ratio * s)) ** 2, 0.0, 1.0, epsabs=1e-12)[0]
-    assert course.mean_square(FLOATS, start, end, ratio) == pytest.approx(exact, rel=1e-5)
-    assert course.mean_square(FLOATS, 5.0, 5.0, ratio) == 25.0
+    assert step_means.mean_square(FLOATS, start, end, ratio) == pytest.approx(exact, rel=1e-5)
+    assert step_means.mean_square(FLOATS, 5.0, 5.0, ratio) == 25.0
 
 
 # -- energy -----------------------------------------------------------------------

@@ -18,7 +18,7 @@ from scipy.integrate import quad, solve_ivp
 
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
-from emcas_fmu.physics import course, supply
+from emcas_fmu.physics import step_means, supply
 from emcas_fmu.simulation import simulate, simulate_fins
 from tests.fmu.built import lean
 from tests.marks import others_slow
@@ -80,8 +80,8 @@ def test_mean_product_of_two_exponentials(ratio: float) -> None:
         return start + (end - start) * float(np.expm1(-ratio * s) / np.expm1(-ratio))
 
     exact = quad(lambda s: at(s, 39.0, -3.0) * at(s, 5.0, 20.0), 0.0, 1.0, epsabs=1e-12)[0]
-    assert course.mean_product(FLOATS, (39.0, 5.0), (-3.0, 20.0), ratio) == pytest.approx(exact, rel=1e-5)
-    assert course.mean_product(FLOATS, (5.0, 7.0), (5.0, 7.0), ratio) == 35.0
+    assert step_means.mean_product(FLOATS, (39.0, 5.0), (-3.0, 20.0), ratio) == pytest.approx(exact, rel=1e-5)
+    assert step_means.mean_product(FLOATS, (5.0, 7.0), (5.0, 7.0), ratio) == 35.0
 
 
 def test_a_link_without_source_feeds_the_electronics() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from emcas_fmu.fmi import figures, python
+from emcas_fmu.fmi import pictures, python
 from emcas_fmu.fmi.fmi2.slave import Slave
 from emcas_fmu.fmi.interface import FmuInterface, start_values
 from emcas_fmu.fmi.package import BACKENDS, build
@@ -36,7 +36,7 @@ def lean(parameters: ParameterSet, path: Path, backend: str = "native", referenc
     assert local is not None
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-O0"))
-        patch.setattr(figures, "response_pictures", lambda _: ())
+        patch.setattr(pictures, "response_pictures", lambda _: ())
         return build(parameters, path, backend, [local.name] if backend == "native" else None, references=references,
                      **options).path
 

@@ -264,7 +264,7 @@ def test_python_fmus_in_one_process_keep_their_own_code(fmu: Path, tmp_path: Pat
 def test_python_oo_builds_the_same_bytes(tmp_path: Path) -> None:
     """`python -OO` removes docstrings and assertions; the FMU contains the source's."""
     code = ("import sys; from pathlib import Path; from types import SimpleNamespace\n"
-            "sys.modules['emcas_fmu.fmi.figures'] = SimpleNamespace(response_pictures=lambda _: ())  # no Matplotlib\n"
+            "sys.modules['emcas_fmu.fmi.pictures'] = SimpleNamespace(response_pictures=lambda _: ())  # no Matplotlib\n"
             "from emcas_fmu.parameters import load_parameters; from tests.fmu.built import both\n"
             "both(load_parameters(), Path(sys.argv[1]))\n")
     for name in ("with", "without"):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageColor
 
-from emcas_fmu.figures import plots
+from emcas_fmu.plotting import plots
 from tests.docs.recipes import build_site
 from tests.explore.browser import Browser
 from tests.hosts.host import missing

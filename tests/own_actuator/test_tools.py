@@ -14,7 +14,7 @@ from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.extensions.fault_list import FAULTS
 from emcas_fmu.extensions.status import STATUS
-from emcas_fmu.fmi.figures import response_pictures
+from emcas_fmu.fmi.pictures import response_pictures
 from emcas_fmu.pages import provenance
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.studies.compare.sets import load_sets

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from emcas_fmu.errors import BuildError, EmcasError
-from emcas_fmu.fmi.figures import response_pictures
 from emcas_fmu.fmi.interface import FmuInterface, start_values
 from emcas_fmu.fmi.package import interface_guid
+from emcas_fmu.fmi.pictures import response_pictures
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.ops.located import LocatedFloats, located
 from emcas_fmu.parameters import load_parameters

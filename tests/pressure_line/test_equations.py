@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from emcas_fmu.actuators.line import PRESSURE_LINE
+from emcas_fmu.actuators.supply_line import PRESSURE_LINE
 from emcas_fmu.namespace import namespace
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import pressure_line

@@ -10,7 +10,7 @@ import pytest
 from emcas_fmu import __version__
 from emcas_fmu.actuators import EXTENSIONS, NAMES, get
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.fmi import figures
+from emcas_fmu.fmi import pictures
 from emcas_fmu.fmi.documentation import documents
 from emcas_fmu.fmi.format import FORMATS
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
@@ -35,7 +35,7 @@ EXTENDED = [next(f"{name}+{extension}" for name in NAMES if takes(name, extensio
 
 
 def page(model: str, fins: int, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setattr(figures, "response_pictures", lambda parameters: ())  # pictures are of no concern here
+    monkeypatch.setattr(pictures, "response_pictures", lambda parameters: ())  # pictures are of no concern here
     unit, base = FmuInterface(fins, model), load_parameters(model=model)
     sets = fin_sets(base, fins, "cross", {}) if fins > 1 else (base,)
     return documents(unit, sets, "", "native", FORMATS["2"], ("linux64",))["documentation/index.html"].decode()

@@ -19,10 +19,10 @@ from emcas_fmu.actuators import get
 from emcas_fmu.bench import metrics
 from emcas_fmu.bench.excitation import step_to
 from emcas_fmu.bench.subject import ParameterSubject
-from emcas_fmu.figures.plots import style
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterError, ParameterSet, load_parameters
+from emcas_fmu.plotting.plots import style
 from emcas_fmu.reference.files import read_csv
 from emcas_fmu.response import Response
 from emcas_fmu.simulation import simulate, simulate_fins, spread

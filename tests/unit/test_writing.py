@@ -246,7 +246,7 @@ ALLOWED = {
     ("support/writing.py", "open"): "the only place that opens files for writing",
     ("support/files.py", "TemporaryFile"): "tries a folder of the cache",
     ("runtime/compiler.py", "write_text"): "sources in a temporary folder of the compiler's",
-    ("figures/plots.py", "savefig"): "to a string, and to a file of `whole`",
+    ("plotting/plots.py", "savefig"): "to a string, and to a file of `whole`",
     ("bench/writers.py", "savetxt"): "to a file of `whole`", ("reference/files.py", "savetxt"): "to memory",
     ("studies/campaign/store.py", "write_table"): "to memory",
     ("commands/group.py", "open"): "/dev/null, in place of a standard output that cannot be written",

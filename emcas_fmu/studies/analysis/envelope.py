@@ -32,12 +32,12 @@ from scipy.optimize import brentq
 from ...actuators import capabilities, parts, require
 from ...bench.conditions import ESTIMATE, resting_on
 from ...errors import EmcasError
-from ...figures.plots import BLUE, GREEN, INK, PURPLE, VERMILLION, column, picture, style, write
 from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...pages.page import write_page
 from ...parameters import ParameterSet
 from ...physics import drive, heat
+from ...plotting.plots import BLUE, GREEN, INK, PURPLE, VERMILLION, column, picture, style, write
 from ...simulation import Array
 from ...units import RPM
 

@@ -14,9 +14,9 @@ from ...actuators import capabilities
 from ...actuators.declaration import Actuator
 from ...bench.frequency_response import FrequencyResponse
 from ...bench.linear import frequency
-from ...figures import plots
-from ...figures.plots import LIMIT, Drawing
 from ...pages.numbers import with_unit
+from ...plotting import plots
+from ...plotting.plots import LIMIT, Drawing
 from ...units import RPM
 from .analyse import Analysis, ClosedLoop
 from .steps import STOP

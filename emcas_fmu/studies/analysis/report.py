@@ -11,10 +11,10 @@ import numpy as np
 from ... import __version__
 from ...bench import writers
 from ...bench.linear.frequency import continuous_poles
-from ...figures import plots
 from ...motions import RATED
 from ...pages.numbers import number
 from ...pages.page import write_page
+from ...plotting import plots
 from . import final_values
 from .analyse import Analysis, ClosedLoop
 from .pictures import drawings, neglected

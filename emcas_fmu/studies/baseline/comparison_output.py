@@ -26,7 +26,7 @@ from .files import SCHEMA as BASELINE
 from .model import output_units
 
 if TYPE_CHECKING:
-    from ...figures import plots
+    from ...plotting import plots
 
 SCHEMA = "emcas-baseline-check/1"
 """Name and version of the JSON layout; the number changes when a field is removed or changes its meaning."""
@@ -137,7 +137,7 @@ def _cell(text: str) -> str:
 
 def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
     """Write the page; the same comparison, command and date give the same bytes."""
-    from ...figures import plots  # here: at the top, Matplotlib would take a third of the start of every command
+    from ...plotting import plots  # here: at the top, Matplotlib would take a third of the start of every command
 
     about = comparison.about
     write_page(path, "studies/baseline/page.html.j2", [about.source], about=about, comparison=comparison,
@@ -148,7 +148,7 @@ def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
 
 def _drawings(comparison: Comparison) -> Iterator[plots.Drawing]:
     """Yield a picture of each trajectory: the approved one, the present one, and their difference."""
-    from ...figures import plots
+    from ...plotting import plots
 
     limits, units = comparison.baseline.limits, output_units(comparison.baseline.model)
     for case, traces in comparison.now.traces.items():

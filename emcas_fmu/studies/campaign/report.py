@@ -14,11 +14,11 @@ from rich.text import Text
 from ...bench.measure import BANDWIDTHS
 from ...bench.metrics import shown
 from ...bench.verdict import SENSES
-from ...figures import plots
-from ...figures.plots import BLUE, COLORS, COMMAND, GRAY, INK, VERMILLION, Drawing
 from ...pages.page import write_page
 from ...pages.provenance import Source
 from ...pages.terminal import table
+from ...plotting import plots
+from ...plotting.plots import BLUE, COLORS, COMMAND, GRAY, INK, VERMILLION, Drawing
 from ...reference.files import parameters_hash
 from .distributions import Factor
 from .experiments import REQUIREMENT, Experiment, lacking

@@ -22,11 +22,11 @@ from ...bench.runs import Run
 from ...bench.subject import ParameterSubject
 from ...bench.verdict import Judged
 from ...errors import EmcasError, hint
-from ...figures.plots import COMMAND, Drawing, figure, pictures
 from ...pages import numbers
 from ...pages.page import write_page
 from ...pages.terminal import table
 from ...parameters import ParameterError, ParameterSet, load_parameters, parameter_file, shipped_file
+from ...plotting.plots import COMMAND, Drawing, figure, pictures
 from ...support.progress import Progress, silent
 
 SCHEMA = "emcas-compare/1"

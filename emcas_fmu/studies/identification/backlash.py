@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.signal import find_peaks
 
-from ...figures.plots import Drawing
 from ...parameters import ParameterSet
+from ...plotting.plots import Drawing
 from . import motion, pictures
 from .estimation import Fit, each, weighted_fit
 from .records import DIRECTIONS, Array, RecordFile, divided, read_records, refuse_magnitude, require

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from ...figures.plots import Drawing, column, legend, time_axis
 from ...parameters import MeasuredRecord, ParameterSet
+from ...plotting.plots import Drawing, column, legend, time_axis
 from ...support.progress import Progress, silent
 from . import pictures
 from .estimation import SETTLED, Fit, Stretches, descend, solve, weighted_fit

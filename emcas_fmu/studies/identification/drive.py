@@ -22,10 +22,10 @@ from scipy.signal import cont2discrete, lfilter
 from scipy.stats import median_abs_deviation
 
 from ...actuators.electromechanical import nonlinear
-from ...figures.plots import Drawing
 from ...ops.arrays import ARRAYS
 from ...parameters import ParameterSet
 from ...physics import drive
+from ...plotting.plots import Drawing
 from . import pictures
 from .estimation import Fit, each, weighted_fit
 from .records import Array, RecordFile, distinct, read_records, refuse_clipped, refuse_magnitude, require

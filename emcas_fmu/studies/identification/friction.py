@@ -17,11 +17,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...actuators.electromechanical import nonlinear
-from ...figures.plots import Drawing
 from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
 from ...physics import friction, mechanics
+from ...plotting.plots import Drawing
 from ...units import RPM
 from . import motion, pictures
 from .estimation import Fit

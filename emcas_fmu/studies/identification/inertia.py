@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from ...actuators.electromechanical import nonlinear
-from ...figures.plots import Drawing
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
 from ...physics import kinematics, mechanics
+from ...plotting.plots import Drawing
 from . import motion, pictures
 from .estimation import Fit
 from .friction import COULOMB, VISCOUS

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
-from ...figures.plots import COLORS, GRAY, Drawing, figure, legend
+from ...plotting.plots import COLORS, GRAY, Drawing, figure, legend
 from .estimation import Fit
 from .records import Array
 

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from ... import __version__
-from ...figures.plots import Drawing, pictures
 from ...pages.page import write_page
 from ...parameters import IDENTIFIED, MeasuredRecord, ParameterSet, file_entry, write_parameters
+from ...plotting.plots import Drawing, pictures
 from .estimation import METHOD, Fit
 from .records import RecordFile, require
 

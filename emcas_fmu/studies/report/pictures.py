@@ -14,9 +14,9 @@ from ...bench.excitation import COMMAND, HOLD, LOAD
 from ...bench.measure import bound
 from ...bench.metrics import ACCURACY
 from ...bench.verdict import Judged
-from ...figures import plots, traces
-from ...figures.plots import LIMIT, REQUIRED, Drawing, Picture, legend_above
 from ...pages.numbers import with_unit
+from ...plotting import plots, traces
+from ...plotting.plots import LIMIT, REQUIRED, Drawing, Picture, legend_above
 from .outcome import Outcome
 
 _ACCURACY = round(degrees(ACCURACY) * 1e3, 6)  # mdeg

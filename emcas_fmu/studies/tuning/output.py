@@ -120,7 +120,7 @@ def write_json(result: Result, path: Path, command: str) -> None:
 
 def write_report(result: Result, path: Path, pair: tuple[str, str] | None = None) -> None:
     """Write the page of a result; `pair` are the requirements of the trade-off (default: the most conflicting)."""
-    from ...figures.plots import pictures  # here: at the top, Matplotlib would take a third of the start of a command
+    from ...plotting.plots import pictures  # here: at the top, Matplotlib would take a third of the start of a command
     from .pictures import drawings
 
     by_case = {(j.requirement, j.case): j for j in result.best.judgements}

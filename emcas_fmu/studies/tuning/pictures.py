@@ -12,7 +12,7 @@ from scipy.stats import spearmanr
 
 from ...bench.measure import Test, response
 from ...bench.subject import ParameterSubject
-from ...figures.plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, column, figure, legend, panels
+from ...plotting.plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, column, figure, legend, panels
 from .evaluate import HOPELESS, Evaluation
 from .optimise import Result
 

@@ -12,10 +12,10 @@ from matplotlib.axes import Axes
 from ...bench import metrics
 from ...bench.frequency_response import SWEPT, FrequencyResponse, of_ratio, sweep_response
 from ...bench.references import EMBEDDED
-from ...figures import plots, traces
-from ...figures.plots import LIMIT, REQUIRED, Drawing
-from ...figures.traces import trace
 from ...pages.numbers import with_unit
+from ...plotting import plots, traces
+from ...plotting.plots import LIMIT, REQUIRED, Drawing
+from ...plotting.traces import trace
 from ...reference.linear import LinearModel
 from .validation import TRAJECTORY_LIMIT, CaseResult, Result
 

@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..errors import BuildError
-from ..figures.plots import INK, Picture, figure, panels, style, svg
-from ..figures.traces import SHOWN, trace
 from ..motions import STEP
 from ..parameters import ParameterSet, are_defaults
+from ..plotting.plots import INK, Picture, figure, panels, style, svg
+from ..plotting.traces import SHOWN, trace
 from ..reference import files
 from ..simulation import simulate
 from ..support.files import models_directory
