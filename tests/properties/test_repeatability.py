@@ -12,10 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from emcas_fmu.actuators import EXTENSIONS, NONLINEAR, get
+from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, get
 from emcas_fmu.bench.metrics import sustained_rate
-from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.bench.requirements import load_requirements
+from emcas_fmu.parameters import ParameterError, ParameterSet, load_parameters
 from emcas_fmu.simulation import simulate
+from emcas_fmu.support.files import named_sets
 from tests.default_actuator import EVERY
 from tests.marks import slow
 
@@ -117,6 +119,25 @@ def test_trajectory_generator_and_filters_are_repeatable(chosen: ParameterSet) -
 @pytest.mark.parametrize("model", EVERY + EXTENDED)
 def test_every_actuator_is_repeatable(model: str) -> None:
     check_repeatability(model, load_parameters(model=model).values, list(HISTORIES))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", NAMES)
+def test_fin_returns_after_a_long_overload_with_every_set(model: str) -> None:
+    """In half a minute, whatever grows while a load holds the fin becomes large."""
+    angle, overload = np.radians(15.0), 30.0
+    for chosen in (None, *named_sets()):
+        try:
+            parameters = load_parameters(chosen, model=model)
+        except ParameterError:  # the set is made for other actuators
+            continue
+        for load in (5.0, -5.0):
+            torque = load * load_requirements(None, parameters).rated_load
+            run = simulate(parameters.values, overload + 3.0, model=parameters.model, fin_command=-angle,
+                           aero_torque=lambda t, torque=torque: torque if t < overload else 0.0)
+            late = run["time"] > overload + 2.0
+            # A servo without integral keeps an error of up to 0.44 deg.
+            assert np.max(np.abs(run["fin_angle"][late] + angle)) < np.radians(0.5), (chosen, load)
 
 
 def test_cycles_to_one_side_do_not_reduce_the_slew_rate(values: Mapping[str, Any]) -> None:
