@@ -42,7 +42,7 @@ class Field(In):
         if self.nonzero and not value:
             raise ValueError(f"must not be 0; give another {self.title.lower()}")
         if self.unit == "s" and abs(value / STEP - round(value / STEP)) > 1e-9:
-            raise ValueError(f"must be a whole number of {STEP * 1e3:g} ms")
+            raise ValueError("must be a whole number of milliseconds")
         return value
 
     @property

@@ -25,8 +25,9 @@ class PlantFault:
 
     `changes(ops, p, amounts)` returns the plant's parameters that change while the fault is active, by their dotted
     names, arrays as tuples. `p` contains the changes by active faults declared before this one; ``amounts.X`` is the
-    parameter ``fault.NAME.X``. A `lasting` fault stays active until reset. A fault with the name of a general fault
-    replaces the general fault. Raises EmcasError for a name that a parameter cannot have.
+    parameter ``fault.NAME.X``. A `lasting` fault stays active until reset; if it `grows`, its amounts do not fall
+    before. A fault with the name of a general fault replaces the general fault. Raises EmcasError for a name that a
+    parameter cannot have.
     """
 
     name: str
@@ -34,6 +35,7 @@ class PlantFault:
     changes: Callable[[Ops, Any, Any], Mapping[str, Value]]
     amounts: tuple[Variable, ...] = ()
     lasting: bool = False
+    grows: bool = False
 
     @classmethod
     def scaling(cls, name: str, description: str, amount: Variable, *parameters: str, lasting: bool = False

@@ -283,10 +283,10 @@ def _current_ripple(columns: Mapping[str, Array], start: float) -> dict[str, Any
         return {}
     time, current = since(start, columns["time"], columns["motor_current"])
     held = current[..., _last(time)]
-    seconds = max(int(HELD * (time[-1] - time[0]) + 1e-9), 1)  # a slower change is a drift
-    rows = -(-held.shape[-1] // seconds)
-    return {"current_ripple": np.max([np.std(held[..., k * rows:(k + 1) * rows], axis=-1) for k in range(seconds)],
-                                     axis=0)}
+    second = max(round((len(time) - 1) / max(time[-1] - time[0], 1e-9)), 1)  # rows; a slower change is a drift
+    ends = range(held.shape[-1], min(second, held.shape[-1] - 1), -second)
+    deviations = [np.std(held[..., max(end - second - 1, 0):end], axis=-1) for end in ends]
+    return {"current_ripple": np.max(deviations, axis=0)}
 
 
 REDUCTIONS: Mapping[str, Callable[[Array], Any]] = {

@@ -11,9 +11,9 @@ stops the motion in time:
 
 The motion stops in time if the acceleration can change fast enough: a rule requires j_max >= 1.5 a_max W.
 
-The feedback follows r delayed by the time until a reference acts. With an integral in the position loop, the motion
-slows down to that of the fin if the fin lags the delayed r by more than a tracking limit, for instance at a low supply;
-it is never reversed.
+The feedback follows r delayed by the time until a reference acts. With a position integral or a load observer, the
+motion slows down to that of the fin if the fin lags the delayed r by more than a tracking limit, for instance at a low
+supply; it is never reversed.
 """
 
 from __future__ import annotations
@@ -90,6 +90,6 @@ def excess(ops: Ops, p: Any, motion: Motion, distance: Value) -> tuple[Value, Va
     return lost, lost / ops.where(ops.equal(travel, 0.0), 1.0, travel)
 
 
-def slowed(p: Any, motion: Motion, excess: Value) -> Value:
-    """Return the next rate [rad/s] of a motion after it is slowed down because of an excess [rad]."""
-    return motion.next_rate - _SLOWING * excess / p.controller.sample_time
+def slowed(motion: Motion, lost: Value) -> Value:
+    """Return the next rate [rad/s] of a motion that has lost a share [-] of its travel in a sample."""
+    return motion.next_rate * (1.0 - _SLOWING * lost)

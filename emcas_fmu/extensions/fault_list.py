@@ -91,7 +91,7 @@ FAULTS = (
     Fault("backlash_growth", "the gap in the drive line grows permanently by wear",
           lambda ops, p, amounts: {"drive_line.backlash": p.drive_line.backlash + amounts.gap}, (
               tunable("gap", "m", 0.0, 0.01, "growth of the gap"),),
-          needs=(capabilities.BACKLASH,), lasting=True),
+          needs=(capabilities.BACKLASH,), lasting=True, grows=True),
     Fault("winding_short", "the motor's terminals are shorted, and the controller does not notice", amounts=(
         tunable("pole_pairs", "1", 0.0, 1e3, "pole pairs of the motor (0: its inductance has no effect)"),),
         needs=(capabilities.PHASES,)),
@@ -146,6 +146,12 @@ def state(fault: PlantFault) -> State:
     return State(f"plant_fault_{fault.name}")
 
 
+def grown(faults: Iterable[PlantFault]) -> dict[str, str]:
+    """Return the states of amounts that do not fall before reset, by the names of their parameters."""
+    return {f"fault.{fault.name}.{v.name}": f"{state(fault).name}_{v.name}"
+            for fault in faults if fault.grows for v in fault.amounts}
+
+
 def active(ops: Ops, p: Any, x: Record, faults: Iterable[PlantFault], time: Value) -> dict[str, Value]:
     """Return by name whether each fault is active in a sample at `time` [s]: switched on or scheduled.
 
@@ -180,8 +186,7 @@ def faulted(ops: Ops, p: Any, actuator: Actuator, on: Mapping[str, Value], activ
     q = changed(ops, p, general(actuator), on)
     if capabilities.SCREW_DRIVE in actuator.provides:
         q = with_values_where(ops, on["jam"], q, {"inertia.motor": _HEAVY})
-    if capabilities.PHASES in actuator.provides:
-        q = _of_winding(ops, q, on, x, h)
+    q = _of_winding(ops, q, actuator, on, x, h)
     return changed(ops, q, actuator.faults, active)
 
 
@@ -190,20 +195,26 @@ def changed(ops: Ops, p: Any, faults: Iterable[PlantFault], on: Mapping[str, Val
     return reduce(lambda q, fault: _under(ops, q, fault, getattr(p.fault, fault.name), on[fault.name]), faults, p)
 
 
-def _of_winding(ops: Ops, p: Any, on: Mapping[str, Value], x: Record, h: Value) -> Any:
+def _of_winding(ops: Ops, p: Any, actuator: Actuator, on: Mapping[str, Value], x: Record, h: Value) -> Any:
     """Return the plant's parameters with failed windings: shorted at the speed of `x`, or open at mid-step's angle.
 
     The speed at mid-step would need the torque of the step. The switches that short the terminals have no dead time;
     two phases in series have the dead time of both.
     """
-    short, lost = p.fault.winding_short, p.fault.phase_loss
-    angle = x.motor_angle + 0.5 * h * x.motor_speed - lost.angle
+    if capabilities.PHASES not in actuator.provides:
+        return p
+    names = {fault.name for fault in general(actuator)}
     in_series, without_switching = ({"inverter.dead_time": share * p.inverter.dead_time} if p.structure.inverter else {}
-                        for share in (inverter.IN_SERIES, 0.0))
-    p = with_values_where(ops, on["phase_loss"], p, {
-        **winding.single_phase(ops, p, lost.pole_pairs, angle), **in_series})
-    return with_values_where(ops, on["winding_short"], p, {
-        **winding.shorted(p, short.pole_pairs, x.motor_speed), **without_switching})
+                                    for share in (inverter.IN_SERIES, 0.0))
+    if "phase_loss" in names:
+        lost = p.fault.phase_loss
+        angle = x.motor_angle + 0.5 * h * x.motor_speed - lost.angle
+        p = with_values_where(ops, on["phase_loss"], p, {
+            **winding.single_phase(ops, p, lost.pole_pairs, angle), **in_series})
+    if "winding_short" in names:
+        p = with_values_where(ops, on["winding_short"], p, {
+            **winding.shorted(p, p.fault.winding_short.pole_pairs, x.motor_speed), **without_switching})
+    return p
 
 
 def _under(ops: Ops, p: Any, fault: PlantFault, amounts: Any, on: Value) -> Any:

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 from ..actuators import capabilities, fin_port
 from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values
-from ..namespace import Record
+from ..namespace import Record, value_of, with_values
 from ..ops.base import Ops, Value
 from ..physics import free_fin, kinematics
 from ..physics.loads import NONE
@@ -80,7 +80,8 @@ def extend(actuator: Actuator) -> Actuator:
         actuator, states=(*actuator.states, *faulty.broken),
         controllers_read=also_read(actuator, *faulty.read, "supply"),
         controller_states=(*actuator.controller_states, *map(State, sampled)),
-        sampled_states=(*actuator.sampled_states, *_SAMPLED, *map(fault_list.state, faulty.of_plant)),
+        sampled_states=(*actuator.sampled_states, *_SAMPLED, *map(fault_list.state, faulty.of_plant),
+                        *map(State, faulty.grown.values())),
         outputs=with_outputs(actuator.outputs, (STATUS, word, BUILT_IN_TEST)),
         initial=faulty.initial, sample=faulty.sample, step=faulty.step, output_values=faulty.output_values)
 
@@ -94,6 +95,7 @@ class _Faulty:
         self.geared = capabilities.SCREW_DRIVE in actuator.provides
         self.broken = _BROKEN if self.geared else ()
         self.faults, self.of_plant = fault_list.general(actuator), fault_list.of_plant(actuator)
+        self.grown = fault_list.grown(self.of_plant)
         self.bits, self.watched = fault_list.bits(actuator), monitors.possible(actuator)
         # States that samples read: for the encoder, the monitors and a fin that has broken off.
         self.read = (actuator.encoder[1], *(s.name for s in actuator.states if s.name == "motor_current"),
@@ -123,7 +125,7 @@ class _Faulty:
         on = self._general(active)
 
         angle, offset, position, as_read = self._seen(ops, p, x, inputs, last, on)
-        delay = ops.floor(p.fault.command_delay.time / p.controller.sample_time + 0.5)
+        delay = ops.floor(self._amount(p, "command_delay", "time") / p.controller.sample_time + 0.5)
         arriving = ops.where(on["command_delay"], _picked(ops, delay, (inputs.command, *earlier_commands)),
                              inputs.command)
         command = ops.where(on["command_freeze"], last.command, arriving)
@@ -154,6 +156,9 @@ class _Faulty:
                 **_named(self.flags, tripped),
                 **_named(_EARLIER_COMMANDS, (inputs.command, *earlier_commands[:-1])),
                 **{name: ops.where(acts, 1.0, 0.0) for name, acts in of_plant.items()},
+                **{name: ops.where(active[amount.split(".")[1]],
+                                   ops.maximum(getattr(x, name), value_of(p, amount)), 0.0)
+                   for amount, name in self.grown.items()},
                 "fault_acting": ops.where(reduce(ops.either, of_plant.values()), 1.0, 0.0),
                 "fault_bits": fault_list.word(ops, self.bits, active),
                 "monitor_bits": monitors.word(self.watched, tripped), "fault_verdict": monitors.verdict(ops, tripped)}
@@ -170,7 +175,7 @@ class _Faulty:
         def faulty() -> tuple[Value, ...]:
             active = self._active(u)
             on = self._general(active)
-            q, jam = actuator.plant_parameters(ops, p), on["jam"]
+            q, jam = self._plant(ops, p, u), on["jam"]
             begun = without_loop(ops, actuator, standing(ops, actuator, x, jam), on)
             under, around = blocked(ops, faulted(ops, q, actuator, on, active, begun, h), actuator,
                                     acting(ops, p, actuator, on, u), jam)
@@ -189,7 +194,7 @@ class _Faulty:
     def output_values(self, ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         """Return the outputs, with those of faults and monitors."""
         actuator, active = self.actuator, self._active(u)
-        q, on = actuator.plant_parameters(ops, p), self._general(active)
+        q, on = self._plant(ops, p, u), self._general(active)
         under, around = faulted(ops, q, actuator, on, active, x, 0.0), acting(ops, p, actuator, on, u)
         outputs = dict(actuator.output_values(ops, under, without_loop(ops, actuator, x, on), around))
         if actuator.supply is not None:
@@ -202,6 +207,15 @@ class _Faulty:
             status = self._status(ops, p, x, u)
             verdict = ops.where(ops.equal(status, OPERATIONAL), verdict, status)
         return {**outputs, STATUS.name: verdict, FAULT_WORD: u.fault_bits, BUILT_IN_TEST.name: u.monitor_bits}
+
+    def _amount(self, p: Any, fault: str, amount: str) -> Value:
+        """Return an amount of a general fault; 0 if the actuator replaces the fault."""
+        return value_of(p, f"fault.{fault}.{amount}") if fault in (each.name for each in self.faults) else 0.0
+
+    def _plant(self, ops: Ops, p: Any, u: PlantInputs) -> Any:
+        """Return the parameters of the plant, with the amounts that have grown."""
+        return with_values(self.actuator.plant_parameters(ops, p),
+                           {amount: getattr(u, name) for amount, name in self.grown.items()})
 
     def _encoder(self, ops: Ops, p: Any, angle: Value) -> Value:
         """Return the angle [rad] of the shaft with the encoder of position, from the actuator's `angle` [rad]."""
@@ -226,11 +240,11 @@ class _Faulty:
             angle = ops.where(off, x.broken_fin_angle, angle)
         moved = angle - last.angle
         gain = ops.where(on["encoder_freeze"], 0.0, ops.where(on["encoder_reversed"], -1.0, 1.0))
-        missed = ops.where(on["encoder_dropped"], p.fault.encoder_dropped.share, 0.0)
+        missed = ops.where(on["encoder_dropped"], self._amount(p, "encoder_dropped", "share"), 0.0)
         offset = last.offset + (gain * (moved - missed * ops.maximum(moved, 0.0)) - moved)
         counting = gain * (1.0 - ops.where(speed > 0.0, missed, 0.0))
         wrong = ops.either(ops.either(on["encoder_bias"], ops.negate(ops.equal(offset, 0.0))), off)
-        bias = ops.where(on["encoder_bias"], p.fault.encoder_bias.angle, 0.0)
+        bias = ops.where(on["encoder_bias"], self._amount(p, "encoder_bias", "angle"), 0.0)
         # Without a fault the angle is unchanged to the bit.
         (position,) = ops.branch(wrong, lambda: (self._read(ops, plant, angle + offset, bias),),
                                  lambda: (inputs.position,))
@@ -300,7 +314,8 @@ def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 def _rules(actuator: Actuator) -> tuple[Rule, ...]:
     of_faults, others = ([v.name for v in variables if v.name.endswith(".pole_pairs")] for variables in (
         [v for fault in fault_list.possible(actuator) for v in fault_list.parameters(fault)], actuator.parameters))
-    return (_command_delay, *starmap(one_motor, [*combinations(of_faults, 2), *product(of_faults, others)]))
+    general = (_command_delay,) if "command_delay" in (fault.name for fault in fault_list.general(actuator)) else ()
+    return (*general, *starmap(one_motor, [*combinations(of_faults, 2), *product(of_faults, others)]))
 
 
 EXTENSION = Extension(

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import reduce
 from math import radians
 from typing import Any
 
@@ -38,7 +39,7 @@ PARAMETERS = in_group(
 )
 TRACKING = in_group("trajectory", tunable("tracking_limit", "rad", radians(1e-3), 10.0,
                                           "lag of the fin behind the generated motion beyond which this slows down"))
-"""The additional parameters of actuators whose motion slows down: those with feed-forward and an integral."""
+"""The additional parameters of actuators whose motion slows down: those with feed-forward and a position integral."""
 _LINE = tuple(f"trajectory_angle_{k}" for k in range(trajectory.LONGEST + 1))
 _RESTING = ("trajectory_rate", "trajectory_acceleration", "trajectory_memory", "trajectory_lost")
 _ALONE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 1.0,
@@ -46,6 +47,7 @@ _ALONE = {"controller.position.setpoint_weight": 1.0, "controller.position.veloc
 """Parameters of controllers that follow a motion with its rate fed forward at every sample."""
 _INTEGRAL = "controller.position.ki"
 _INTEGRALS = (_INTEGRAL, "controller.velocity.ki")
+_AGAINST_LOADS = (_INTEGRAL, "controller.load_observer")
 _NONE = 1e-12  # lost share up to which a motion is not slowed down; a solved rest has rounding errors
 _STILL = 0.5  # lost share of a motion above which the fin hardly moves, and its error is integrated
 
@@ -99,11 +101,12 @@ def _sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     out = actuator.sampled(ops, q, x, inputs.replace(command=ops.where(on, followed, inputs.command)))
     excess, lost = 0.0, 0.0
     if _slows(actuator):
-        slows = value_of(p, _INTEGRAL) > 0.0  # without integral a load leaves a steady error
+        # Without integral and observer a load leaves a steady error.
+        declared = {v.name for v in actuator.parameters}
+        slows = reduce(ops.either, (value_of(p, name) > 0.0 for name in _AGAINST_LOADS if name in declared))
         excess, lost = (ops.where(slows, value, 0.0) for value in trajectory.excess(
             ops, p, motion, followed - out["measured_fin_angle"]))
-    memory = ops.where(lost > _NONE, x.trajectory_memory, memory)  # that of a motion which the fin follows
-    values = (trajectory.slowed(p, motion, excess), motion.acceleration, memory, lost)
+    values = (trajectory.slowed(motion, lost), motion.acceleration, memory, lost)
     line = (motion.next_angle, *angles[:-1])
     moved = {**dict(zip(_RESTING, values, strict=True)),
              **{name: angle - excess for name, angle in zip(_LINE, line, strict=True)}}

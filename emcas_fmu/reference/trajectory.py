@@ -49,7 +49,6 @@ class Following(Controllers):
         self._accelerate(clip(command, self.p["command.limit"]) - now)
         after = rate + self.period * self.acceleration
         following = now + self.period * (rate + after) / 2.0
-        integral_of_drive = self.integral_of_drive
         self._feed_forward(now, rate, following, after)
         whole, share = math.floor(self.delay), self.delay % 1.0
         followed = clip((1.0 - share) * self.history[whole] + share * self.history[whole + 1], self.p["command.limit"])
@@ -69,11 +68,10 @@ class Following(Controllers):
         # A fin that lags too far slows the generator, at most to a standstill.
         behind, limit, way = followed - fin, self.p["trajectory.tracking_limit"], following - now
         lost = math.copysign(min(max(abs(behind) - limit, 0.0), abs(way)), way) if behind * way > 0.0 else 0.0
-        lost *= self.integral_gains[0] > 0.0  # without integral action any load keeps the fin behind
+        # Without integral action and load observer any load keeps the fin behind.
+        lost *= max(self.integral_gains[0], self.p["controller.load_observer"]) > 0.0
         self.lost = lost / way if way else 0.0  # the package counts shares up to 1e-12 as none
-        if self.lost:  # the drive does not make this motion
-            self.integral_of_drive = integral_of_drive
-        self.rate = after - 0.3 * lost / self.period
+        self.rate = after * (1.0 - 0.3 * self.lost)
         self.history = [angle - lost for angle in (following, *self.history[:-1])]
         return reference
 

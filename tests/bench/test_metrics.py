@@ -89,6 +89,21 @@ def test_settling_into_a_band(values: list[float], expected: float) -> None:
     assert metrics.settling(since, np.abs(response - 1.0), 0.25) == pytest.approx(expected, abs=1e-12)
 
 
+@pytest.mark.parametrize(("hold", "row"), [(3.0, 1e-3), (5.9, 1e-3), (15.0, 1e-3), (120.0, 0.1), (120.0, 2.0)])
+def test_current_ripple_is_that_of_the_worst_second_and_not_a_drift(hold: float, row: float) -> None:
+    """A ramp of 1 A/s has 1/sqrt(12) A in a second, or half of it in two rows; a sine of 2 A has sqrt(2) A."""
+    time = np.arange(round(hold / row) + 1) * row
+    burst = np.where(np.abs(time - hold + 0.5) <= 0.5, 2.0 * np.sin(20.0 * np.pi * time), 0.0)
+    runs = {"time": time, "fin_angle": np.zeros((2, len(time))), "fin_rate": np.zeros((2, len(time))),
+            "motor_current": np.array([time, burst])}
+    excited = Excitation("hold", {"fin_command": np.zeros(len(time)), "aero_torque": np.zeros(len(time))}, 0.0)
+    drift, worst = metrics.rest(Run(excited, runs, None, (), 0.0))["current_ripple"]
+    per_second = max(round(1.0 / row), 1)
+    assert drift == pytest.approx(row * math.sqrt(((per_second + 1) ** 2 - 1) / 12.0), rel=1e-9)  # of equidistant rows
+    if row < 0.01:
+        assert worst == pytest.approx(math.sqrt(2.0), rel=1e-3)  # of 1001 rows, the last of which is a zero
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_time_to_accuracy_of_a_ramp(sign: float) -> None:
     time, start = np.arange(1001) * STEP, 0.1

@@ -171,7 +171,7 @@ duration = "0.2 s"
     ('amplitude = "5 deg"', "", "amplitude is missing"),
     ('duration = "0.3 s"', 'duration = "0.3"', "has no unit"),
     ('duration = "0.3 s"', 'duration = "400 s"', "must be within 0.01 .. 300 s"),
-    ('duration = "0.3 s"', 'duration = "0.30005 s"', "whole number of 1 ms"),
+    ('duration = "0.3 s"', 'duration = "0.30005 s"', "whole number of milliseconds"),
     ("samples = 24", "samples = 0", "campaign.samples = 0"),
     ("seed = 5", "seed = -1", "campaign.seed = -1"),
     ("seed = 5", 'seed = 5\nmethod = "quasi"', "campaign.method = quasi"),

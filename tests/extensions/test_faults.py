@@ -202,8 +202,23 @@ def test_a_grown_gap_does_not_heal() -> None:
                             fin_command=wave) for end in (0.05, 1e9)))
 
 
-@pytest.mark.parametrize("amount", ["current_derating.share", "brown_out.share", "friction_rise.factor",
-                                    "backlash_growth.gap"])
+@pytest.mark.parametrize(("model", "amount"), [
+    (f"{name}+faults", "backlash_growth.gap") for name in ("elastic", "worm-gear-elastic")] + [
+    ("servo+faults", "worn_gear.angle")])
+def test_a_gap_that_has_grown_does_not_close_when_its_amount_falls(model: str, amount: str) -> None:
+    """A gap that closes would push the drive line apart: energy from nowhere."""
+    p = load_parameters(model=model).with_values({f"fault.{amount.split('.')[0]}.active": True})
+    core, other = (codegen.core(p.values, model) for _ in range(2))
+    inputs = codegen.inputs_at_rest(0.1, 5.0, 28.0)
+    for number in range(1, 11):
+        core.run(0.02 * number, inputs)
+        other.run(0.02 * number, inputs)
+    other.bind(codegen.bound(p.with_values({f"fault.{amount}": 0.0}).values, model))
+    assert [core.run(0.2 + 0.01 * k, inputs) for k in range(1, 6)] == [
+        other.run(0.2 + 0.01 * k, inputs) for k in range(1, 6)]
+
+
+@pytest.mark.parametrize("amount", ["current_derating.share", "brown_out.share", "friction_rise.factor"])
 def test_a_changed_amount_acts_at_once(amount: str) -> None:
     """Within a sample, during a slew in which the current is at its limit; only if the fault is active."""
     outputs = {}

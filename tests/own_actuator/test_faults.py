@@ -183,6 +183,15 @@ def test_a_declared_fault_replaces_the_general_one_of_its_name(several: str) -> 
     assert (found["fault_word"][1:] == 1.0).all()
 
 
+@pytest.mark.parametrize("name", [fault.name for fault in FAULTS])
+def test_every_general_fault_may_be_replaced_by_one_without_amounts(name: str, tmp_path: Path) -> None:
+    path = changed(tmp_path, ("\nACTUATOR = em.Actuator(", SECOND), ("faults=(em.PlantFault.scaling(", TWO.replace(
+        '"jam"', f'"{name}"')))
+    path.with_suffix(".toml").write_text("[fault]\nhot.factor = 2\ncorroded.area = 0.0\n", encoding="utf-8")
+    found = run(during(name), f"{path}+faults")
+    assert same(found, run({"hinge.damping": 50.0 * PLAIN.values["hinge.damping"]}, MODEL))
+
+
 def test_kernels_agree_from_restored_states_during_every_fault(several: str) -> None:
     changes: dict[str, float] = {"fault.corroded.area": 0.5}
     for i, fault in enumerate(possible(get(several))):

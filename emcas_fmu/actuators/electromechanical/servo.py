@@ -104,7 +104,7 @@ FAULTS = (
                lambda ops, p, amounts: {"gear.stiffness": 0.0, "gear.damping": 0.0}, lasting=True),
     PlantFault("worn_gear", "the gear's play grows by wear",
                lambda ops, p, amounts: {"gear.backlash": p.gear.backlash + amounts.angle},
-               (tunable("angle", "rad", 0.0, 0.5, "growth of the whole play"),), lasting=True),
+               (tunable("angle", "rad", 0.0, 0.5, "growth of the whole play"),), lasting=True, grows=True),
     PlantFault("demagnetised", "the magnets have permanently lost a share of their flux", lambda ops, p, amounts: {
         "motor.stall_torque": amounts.share * p.motor.stall_torque,
         "motor.no_load_speed": p.motor.no_load_speed / amounts.share}, (

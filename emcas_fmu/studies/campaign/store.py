@@ -185,6 +185,9 @@ def _check_same(manifest: Path, campaign: Mapping[str, Any]) -> None:
     now = entries(campaign)
     changed = [f"{name.removeprefix('campaign.')}: {shown(stored, name)} then, {shown(now, name)} now"
                for name in sorted({*stored, *now}) if stored.get(name) != now.get(name)]
+    if stored.get("schema") != now["schema"]:
+        raise CampaignError(f"{manifest.parent}: was written by emcas {stored.get('version')}, in another layout; name "
+                            "another folder with --output")
     if changed:
         more = f"; and {len(changed) - _MOST_NAMED} more" if len(changed) > _MOST_NAMED else ""
         raise CampaignError(f"{manifest.parent}: contains another campaign; {'; '.join(changed[:_MOST_NAMED])}{more}. "

@@ -56,11 +56,11 @@ function hold({excitation: {time: rows}, outputs: {fin_angle: angle, motor_curre
     };
     if (!current) return figures;
     const flowing = lastThird(...between(start, end, rows, current));
-    const seconds = Math.max(Math.floor(DATA.constants.HELD * (time[time.length - 1] - time[0]) + 1e-9), 1);
-    const length = Math.ceil(flowing.length / seconds), deviations = Array.from({length: seconds}, (_, k) => {
-        const second = flowing.subarray(k * length, (k + 1) * length), middle = mean(second);
-        return rms(second.map(x => x - middle));
-    });
+    const second = Math.max(Math.round((time.length - 1) / Math.max(time.at(-1) - time[0], 1e-9)), 1), deviations = [];
+    for (let end = flowing.length; end > Math.min(second, flowing.length - 1); end -= second) {
+        const within = flowing.subarray(Math.max(end - second - 1, 0), end), middle = mean(within);
+        deviations.push(rms(within.map(x => x - middle)));
+    }
     return {...figures, current_ripple: largest(deviations)};
 }
 
