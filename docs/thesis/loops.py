@@ -1,4 +1,4 @@
-"""Chapter 4 and sections 5.2 and 5.3: linear model, controllers and their tuning."""
+"""Chapter 4 and sections 5.2 and 5.3: linear model, controllers, their tuning, and homing."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def linear_steps(*sizes: float) -> Show:
         listed = " and ".join(f"{size:g}°" for size in runs.levels(*sizes))
         return Shown(runs.conditions(f"steps to {listed} at 0.05 s"),
                      panels([Panel("fin angle [deg]", lines)], "time [s]", (0.03, 0.05 + _LINEAR_SPAN)),
-                     "Small steps differ due to friction and encoder counts, large ones due to the limits.",
+                     "Models differ in small steps due to friction and encoder counts, in large ones due to limits.",
                      Table(("step", "largest difference [%]", "rise, linear [ms]", "rise, nonlinear [ms]",
                             "a limit active for [ms]"), rows))
 
@@ -146,7 +146,7 @@ def homing(runs: Runs) -> Shown:
 
 
 def requirements(runs: Runs) -> Shown:
-    """Show the requirements of the position controller, and the measured figures (Table 17)."""
+    """Show the requirements of the position controller without the margins, and the measured figures (Table 17)."""
     study = shipped_study(runs.parameters)
     judged = tuple(r for r in study.requirements if r.test and r.test.kind != "linear")  # margins need more packages
     gains = {t.name: float(runs.values[t.name]) for t in study.tunables}

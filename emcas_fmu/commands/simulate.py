@@ -57,8 +57,9 @@ def simulate(
     model: common.ModelOption = NONLINEAR,
     settings: Annotated[list[str] | None, common.value(
         "Value of a parameter, or constant value of an input, with a unit or in the variable's unit. Repeatable. NAME "
-        "applies to all fins, fin[2].NAME to one. With bus.source_resistance, or with line.accumulator_volume of a "
-        "hydraulic supply, the supply sags. roll_command, pitch_command and yaw_command are mixed into all commands.",
+        "applies to all fins, fin[2].NAME to one. With several fins, bus.source_resistance (or line.accumulator_volume "
+        "of a hydraulic supply) makes the supply sag. roll_command, pitch_command and yaw_command are mixed into all "
+        "commands.",
         "NAME=VALUE", "--set")] = None,
     fins: Annotated[int, common.value("Number of actuators on one supply, all with the same case, step or columns; a "
                                       "column such as fin[2].fin_command is for one fin. Several fins are computed in "

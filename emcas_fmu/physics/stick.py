@@ -1,7 +1,7 @@
-"""Set-valued dry friction: a body at rest stays there to the bit while friction holds it.
+"""Set-valued dry friction: a body at rest keeps its position, bit for bit, while friction holds it.
 
-It applies to bodies whose other forces follow from states, so that one body sticks or slides independently of others
-(:mod:`emcas_fmu.steppers.events`).
+The equations apply where the other forces on a body depend on states and not on accelerations, so that each body sticks
+or slides independently of the others (:mod:`emcas_fmu.steppers.events`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import NamedTuple
 from ..ops.base import Ops, Value
 
 WALL = 1e30  # N or N.m, friction that represents a mechanical stop: nothing overcomes it
-EDGE = 1.0 - 1e-9  # share of its limit at which friction is overcome, so that rounding at breakaway holds no body
+EDGE = 1.0 - 1e-9  # share of its limit at which friction is overcome: rounding cannot hold a body
 
 
 class Slide(NamedTuple):
@@ -23,8 +23,8 @@ class Slide(NamedTuple):
 
 
 def overcome(ops: Ops, torque: Value, high: Value, low: Value) -> tuple[Value, Value]:
-    """Return whether a torque [N.m] starts a body at rest upwards (beyond `high`) and downwards (beyond `low`)."""
-    # Strictly beyond: without friction and torque a body at rest stays at rest.
+    """Return whether a torque [N.m] starts a body at rest upwards (at `high`) and downwards (at `low`)."""
+    # A torque of 0 starts no body, not even one without friction.
     up = ops.both(torque >= high * EDGE, torque > 0.0)
     return up, ops.both(torque <= low * EDGE, torque < 0.0)
 
@@ -57,7 +57,7 @@ def moves(ops: Ops, s: Slide, value: Value) -> Value:
 
 
 def reserve(ops: Ops, s: Slide, torque: Value) -> Value:
-    """Return the change of a torque [N.m] that starts a body at rest; it is negative if the torque itself starts it."""
+    """Return the change of a torque [N.m] that starts a body at rest; it is negative beyond the friction."""
     return ops.minimum(s.high - torque, torque - s.low)
 
 
@@ -72,8 +72,8 @@ def stop_margin(ops: Ops, s: Slide, position: Value, stop: Value) -> Value:
 
 
 def nowhere(ops: Ops, s: Slide, begin: Value, end: Value) -> Value:
-    """Return whether a body that starts from rest ends the step at rest, or against the direction of its start; `begin`
-    and `end` are its speeds [rad/s]."""
+    """Return whether a body at rest at the start of a step ends it at rest, or in motion against its direction `s`;
+    `begin` and `end` are its speeds [rad/s]."""
     return ops.both(ops.equal(begin, 0.0), end * s.direction <= 0.0)
 
 

@@ -1,11 +1,12 @@
 """One step of equations that are smooth between events: stick and slip, locking, valves that open, limits, stops.
 
-It serves actuators whose events have no closed forms. A mode defines which equations apply. It consists of values by
-name, chosen at the start of the step and constant in the step, such as a lever's ratio at mid-step. ROS2
+It serves actuators whose events have no closed forms. A mode defines which equations apply. It is a set of named
+values, computed at the start of the step and constant in it, such as the lever's ratio predicted for mid-step. ROS2
 (:mod:`emcas_fmu.steppers.smooth`), L-stable and of second order, integrates the states. Each event margin of a mode is
 above 0 while the mode holds. The step ends where the first margin is lost, that is, falls to 0; a secant and a
-correction locate this time. There `landed` sets values that are known exactly, such as the speed 0 of a body that comes
-to rest, and the caller continues with the mode of that state.
+correction locate this time. If it is still far away, the step ends before it, without an event. At an event `landed`
+sets values that are known exactly, such as the speed 0 of a body that comes to rest, and the caller continues with the
+mode of that state.
 
 A margin that is 0 at the start of a step, such as the speed of a body that starts, causes no event in the step.
 """
@@ -22,10 +23,10 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from .smooth import ros2
 
-# An event is at least this share of the step after its start, so that every call advances.
+# No event is located earlier than this share of the step, so that every call advances.
 PROGRESS = 1e-6
-# The zero of a margin is far away if, at the estimated time, more than the first share of the margin's starting value
-# remains. The step then advances by at least the second share of `h`.
+# The zero of a margin is far away if more than _FAR of the starting value remains at its first estimate; the step then
+# advances by at least _FURTHER of `h`.
 _FAR, _FURTHER = 0.5, 1.0 / 16.0
 Values = Mapping[str, Value]
 
@@ -42,7 +43,7 @@ class Switched:
     check(ops, p, x, u)                 raises EmcasError for values or equations that do not fit the events; called in
                                         the first simulation of a user's actuator
     begun(ops, p, x, u, h)              states at the start, some switched by inputs, and a step [s] of at most `h`
-    least                               by margin, the smallest share of the step before its event; else PROGRESS, 1e-6
+    least                               by margin, the earliest time of its event, as a share of the step; else PROGRESS
     """
 
     mode: Callable[[Ops, Any, Record, Any, Value], Record]
@@ -77,7 +78,7 @@ class SwitchedStep:
 
 
 def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) -> tuple[Record, Value]:
-    """Return the states after `h` [s] or at the first event in that time, and the time that has passed [s]."""
+    """Return the states after at most `h` [s], at the first event if there is one, and the time that has passed [s]."""
     x, h = system.begun(ops, p, x, u, h)
     mode = system.mode(ops, p, x, u, h)
     names = tuple(system.derivatives(ops, p, x, u, mode))

@@ -534,7 +534,7 @@ def test_gains_at_a_bound_are_marked(study: Study, tmp_path: Path) -> None:
     assert Tuned(study, 1, before, before, nan, (before,), (before.objective,), False).at_bound == {}
     result = Tuned(study, 1, before, other, nan, (before,), (before.objective,), False)
     assert result.at_bound == {first.name: "lower"}
-    assert f"near a bound of the search (within 1 % of its range): {first.name} = {first.lower:g}" in at_bounds(result)
+    assert f"(within 1 % of its logarithmic range): {first.name} = {first.lower:g}" in at_bounds(result)
     write_report(result, tmp_path / "t.html")
     assert (tmp_path / "t.html").read_text(encoding="utf-8").count("(near the bound)") == 1
     write_json(result, tmp_path / "t.json", "emcas tune")

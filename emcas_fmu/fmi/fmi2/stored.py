@@ -1,4 +1,4 @@
-"""FMU states as bytes, and their checks. It is embedded in the FMU and imports only the standard library."""
+"""FMU states as bytes, and their checks. This file is embedded in the FMU: standard library and runtime.core only."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def from_bytes(guid: str, data: bytes) -> str | StoredState:
             return "its checksum is wrong"
         state = _tuples(json.loads(body))
         return StoredState(state) if isinstance(state, tuple) else "it contains no state"
-    except Exception as error:  # noqa: BLE001  nothing may leave the slave
+    except Exception as error:  # noqa: BLE001  no exception may leave the slave
         return f"it cannot be read ({type(error).__name__})"
 
 
@@ -46,7 +46,7 @@ def is_text(value: Any) -> bool:
 
 
 def wrong_variable(values: Any, rows: Sequence[tuple[Any, ...]]) -> str:
-    """Return the name of the first variable whose stored value is impossible; "" if all are possible."""
+    """Return the first variable with an impossible stored value, or that their number is wrong; "" without either."""
     if not (isinstance(values, tuple) and len(values) == len(rows)):
         return "wrong number of variables"
 

@@ -77,13 +77,13 @@ class Study:
 
     `text` is the content of the file and `document` its TOML. `guid` is that of the FMU, or of the FMU that would be
     built from the parameters. `base` are the parameters (flat, SI) of the actuator `model` (full name). `numbers` are
-    the fixed values of motions and profiles by name. `followers` are the factors, by the names of the parameters that
-    keep their ratio to them. `fmu` is the path of an FMU, or empty for the kernel; `fin` is the number of its fin, from
+    the fixed values of motions and profiles by name. `followers` maps parameters that keep their ratio to a factor to
+    the name of this factor. `fmu` is the path of an FMU, or empty for the kernel; `fin` is the number of its fin, from
     1. `model_sha256` is the SHA-256 of the user's file that declares the model, or empty. Every sample is judged by the
-    `specification`, the requirements that can be measured for the model. Only factors that are parameters affect them,
-    since they are measured in tests with other inputs. `left_out` are the requirements that cannot be measured, with
-    the reasons. `warnings` are those about the parameters: with all factors at their medians, and with one factor at an
-    end of its distribution, one for each rule.
+    `specification`, the requirements that can be measured for the model. Factors that are not parameters do not affect
+    the requirements, whose tests have their own inputs. `left_out` are the requirements that cannot be measured, with
+    the reasons. `warnings` are those of the base set, and one for each rule that is broken with all factors at their
+    medians, or with one factor at an end of its distribution.
     """
 
     path: Path
@@ -121,10 +121,11 @@ class Study:
     def draw(self, indices: Sequence[int]) -> Array:
         """Return the values [indices, factors] of the factors in samples, in the factors' units.
 
-        They depend on the sample's index, the seed and the number of factors; in a ``latin-hypercube`` also on the
-        number of samples. Sample i of a ``monte-carlo`` campaign has its own generator, seeded with (seed, i). In
-        ``sobol`` it is point i of a scrambled sequence, in ``latin-hypercube`` row i of one hypercube for all samples.
-        In a ``grid`` the level of the last factor changes fastest. Raises IndexError for an index outside the campaign.
+        Apart from the distributions they depend only on the sample's index, the seed (not in a ``grid``) and the number
+        of factors; in a ``latin-hypercube`` also on the number of samples. Sample i of a ``monte-carlo`` campaign has
+        its own generator, seeded with (seed, i). In ``sobol`` it is point i of a scrambled sequence, in
+        ``latin-hypercube`` row i of one hypercube for all samples. In a ``grid`` the level of the last factor changes
+        fastest. Raises IndexError for an index outside the campaign.
         """
         if outside := [i for i in indices if not 0 <= i < self.samples]:
             raise IndexError(f"there is no sample {outside[0]}; the indices are 0 to {self.samples - 1}")
@@ -167,7 +168,7 @@ def hypercube(factors: int, seed: int, samples: int) -> Array:
 
 
 def _sobol(factors: int, seed: int, indices: Sequence[int]) -> Array:
-    """Return points [indices, factors] of a Sobol sequence; the engine generates each once, in ascending order."""
+    """Return points [indices, factors] of a Sobol sequence, which are generated in ascending order, each index once."""
     engine = qmc.Sobol(factors, scramble=True, rng=np.random.default_rng([seed]))
     ordered, positions = np.unique(np.asarray(indices), return_inverse=True)
     points = np.empty((len(ordered), factors))
@@ -223,14 +224,14 @@ def source_sha256(model: str) -> str:
 
 
 def _warnings(base: ParameterSet, study: Study, medians: list[float]) -> Iterator[str]:
-    """Yield warnings of the base set, and one for each rule: with factors at their medians, or one factor at an end."""
+    """Yield the warnings of :class:`Study`: those of the base set that are not from rules, then those of the rules."""
     from_rules = check_combinations(base.values, base.actuator, warnings=True)
     yield from (warning for warning in base.warnings if warning not in from_rules)
     points = [medians, *([*medians[:k], end, *medians[k + 1:]] for k, factor in enumerate(study.factors)
                          for end in factor.distribution.limits(MOST_OUTSIDE))]
     first: dict[Rule, str] = {}
     for values, _ in map(study.varied, points):
-        if not check_parameters(values, study.model):  # other samples fail with an error
+        if not check_parameters(values, study.model):  # a sample with these values would fail, which its row reports
             first = {**broken_rules(values, study.actuator, warnings=True), **first}
     yield from (first[rule] for rule in study.actuator.all_rules if rule in first)
 
@@ -283,5 +284,6 @@ def _samples(path: Path, campaign: _Campaign, factors: Sequence[Factor]) -> int:
     if points > MOST_SAMPLES:
         raise CampaignError(f"{path}: the grid has {points} points, above {MOST_SAMPLES}; reduce the levels")
     if campaign.samples not in (None, points):
-        raise CampaignError(f"{path}: campaign.samples = {campaign.samples}: the grid has {points} points; omit it")
+        raise CampaignError(f"{path}: campaign.samples = {campaign.samples}: the grid has {points} points; omit "
+                            "campaign.samples")
     return points

@@ -53,7 +53,7 @@ def verdict(result: Result) -> str:
     worst = result.best.worst
     binding = f"binding: {', '.join(result.binding)}"
     none = "this search found no gains better than the initial ones"  # the journal may have those of another search
-    best = none if result.unimproved else f"the best of {len(result.evaluated)} evaluations"
+    best = none if result.unimproved else f"chosen from {len(result.evaluated)} evaluations"
     ending = (f"stopped by Ctrl-C, {best}: " if result.stopped else
               f"{none}, which are returned: " if result.unimproved else "")
     if result.met:
@@ -84,8 +84,8 @@ def objectives(result: Result) -> str:
 def at_bounds(result: Result) -> str:
     """Return a line that names the tuned gains near a bound of the search; empty if there are none."""
     gains = ", ".join(f"{name} = {gain(result.best.gains[name])} ({bound})" for name, bound in result.at_bound.items())
-    return gains and (f"near a bound of the search (within 1 % of its range): {gains}; wider bounds may give better "
-                      "gains")
+    return gains and (f"near a bound of the search (within 1 % of its logarithmic range): {gains}; wider bounds may "
+                      "give better gains")
 
 
 def write_tuned(result: Result, path: Path, command: str) -> None:
@@ -99,8 +99,8 @@ def write_tuned(result: Result, path: Path, command: str) -> None:
     gains = {name: file_entry([value], units[name], "tuned", note)
              for name, value in result.best.gains.items() if not result.unimproved}
     write_parameters(result.study.base.with_values(gains), path,
-                     [f"Gains tuned by emcas {__version__}: {command}", verdict(result), objectives(result),
-                      *filter(None, [at_bounds(result)])])
+                     [f"{'Initial gains, returned' if result.unimproved else 'Gains tuned'} by emcas {__version__}: "
+                      f"{command}", verdict(result), objectives(result), *filter(None, [at_bounds(result)])])
 
 
 def write_json(result: Result, path: Path, command: str) -> None:
