@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 from math import pi
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..actuators import as_built, capabilities
 from ..actuators.declaration import Actuator, PlantFault, PlantInputs, State, Values
@@ -111,6 +111,11 @@ def general(actuator: Actuator) -> tuple[Fault, ...]:
                  and (not fault.of_supply or actuator.supply is not None))
 
 
+def has(actuator: Actuator, name: str) -> bool:
+    """Return whether an actuator can have the general fault of this name, and does not replace it."""
+    return name in (fault.name for fault in general(actuator))
+
+
 def possible(actuator: Actuator) -> tuple[PlantFault, ...]:
     """Return the faults an actuator can have, in the order of their bits."""
     by_name: dict[str, PlantFault] = {fault.name: fault for fault in (*general(actuator), *actuator.faults)}
@@ -146,10 +151,18 @@ def state(fault: PlantFault) -> State:
     return State(f"plant_fault_{fault.name}")
 
 
-def grown(faults: Iterable[PlantFault]) -> dict[str, str]:
-    """Return the states of amounts that do not fall before reset, by the names of their parameters."""
-    return {f"fault.{fault.name}.{v.name}": f"{state(fault).name}_{v.name}"
-            for fault in faults if fault.grows for v in fault.amounts}
+class Grown(NamedTuple):
+    """An amount that does not fall before reset: its fault, its parameter, and the state that contains it."""
+
+    fault: str
+    parameter: str
+    state: str
+
+
+def grown(faults: Iterable[PlantFault]) -> tuple[Grown, ...]:
+    """Return the amounts of faults that grow."""
+    return tuple(Grown(fault.name, f"fault.{fault.name}.{v.name}", f"{state(fault).name}_{v.name}")
+                 for fault in faults if fault.grows for v in fault.amounts)
 
 
 def active(ops: Ops, p: Any, x: Record, faults: Iterable[PlantFault], time: Value) -> dict[str, Value]:
@@ -203,15 +216,14 @@ def _of_winding(ops: Ops, p: Any, actuator: Actuator, on: Mapping[str, Value], x
     """
     if capabilities.PHASES not in actuator.provides:
         return p
-    names = {fault.name for fault in general(actuator)}
     in_series, without_switching = ({"inverter.dead_time": share * p.inverter.dead_time} if p.structure.inverter else {}
                                     for share in (inverter.IN_SERIES, 0.0))
-    if "phase_loss" in names:
+    if has(actuator, "phase_loss"):
         lost = p.fault.phase_loss
         angle = x.motor_angle + 0.5 * h * x.motor_speed - lost.angle
         p = with_values_where(ops, on["phase_loss"], p, {
             **winding.single_phase(ops, p, lost.pole_pairs, angle), **in_series})
-    if "winding_short" in names:
+    if has(actuator, "winding_short"):
         p = with_values_where(ops, on["winding_short"], p, {
             **winding.shorted(p, p.fault.winding_short.pole_pairs, x.motor_speed), **without_switching})
     return p

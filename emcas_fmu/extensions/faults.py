@@ -81,7 +81,7 @@ def extend(actuator: Actuator) -> Actuator:
         controllers_read=also_read(actuator, *faulty.read, "supply"),
         controller_states=(*actuator.controller_states, *map(State, sampled)),
         sampled_states=(*actuator.sampled_states, *_SAMPLED, *map(fault_list.state, faulty.of_plant),
-                        *map(State, faulty.grown.values())),
+                        *(State(amount.state) for amount in faulty.grown)),
         outputs=with_outputs(actuator.outputs, (STATUS, word, BUILT_IN_TEST)),
         initial=faulty.initial, sample=faulty.sample, step=faulty.step, output_values=faulty.output_values)
 
@@ -134,7 +134,7 @@ class _Faulty:
         sampled = actuator.sampled(ops, p, x.replace(**as_read),
                                    inputs.replace(command=command, supply=supply, position=position))
         reference = sampled["reference"]
-        if any(fault.name == "hard_over" for fault in self.faults):
+        if fault_list.has(actuator, "hard_over"):
             full = next(full(p) for kind, full in fault_list.FULL_REFERENCE.items() if kind in actuator.provides)
             reference = ops.where(ops.both(on["hard_over"], inputs.enable), p.fault.hard_over.share * full, reference)
 
@@ -156,9 +156,8 @@ class _Faulty:
                 **_named(self.flags, tripped),
                 **_named(_EARLIER_COMMANDS, (inputs.command, *earlier_commands[:-1])),
                 **{name: ops.where(acts, 1.0, 0.0) for name, acts in of_plant.items()},
-                **{name: ops.where(active[amount.split(".")[1]],
-                                   ops.maximum(getattr(x, name), value_of(p, amount)), 0.0)
-                   for amount, name in self.grown.items()},
+                **{state: ops.where(active[fault], ops.maximum(getattr(x, state), value_of(p, amount)), 0.0)
+                   for fault, amount, state in self.grown},
                 "fault_acting": ops.where(reduce(ops.either, of_plant.values()), 1.0, 0.0),
                 "fault_bits": fault_list.word(ops, self.bits, active),
                 "monitor_bits": monitors.word(self.watched, tripped), "fault_verdict": monitors.verdict(ops, tripped)}
@@ -210,12 +209,12 @@ class _Faulty:
 
     def _amount(self, p: Any, fault: str, amount: str) -> Value:
         """Return an amount of a general fault; 0 if the actuator replaces the fault."""
-        return value_of(p, f"fault.{fault}.{amount}") if fault in (each.name for each in self.faults) else 0.0
+        return value_of(p, f"fault.{fault}.{amount}") if fault_list.has(self.actuator, fault) else 0.0
 
     def _plant(self, ops: Ops, p: Any, u: PlantInputs) -> Any:
         """Return the parameters of the plant, with the amounts that have grown."""
         return with_values(self.actuator.plant_parameters(ops, p),
-                           {amount: getattr(u, name) for amount, name in self.grown.items()})
+                           {amount: getattr(u, state) for _, amount, state in self.grown})
 
     def _encoder(self, ops: Ops, p: Any, angle: Value) -> Value:
         """Return the angle [rad] of the shaft with the encoder of position, from the actuator's `angle` [rad]."""
@@ -314,7 +313,7 @@ def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 def _rules(actuator: Actuator) -> tuple[Rule, ...]:
     of_faults, others = ([v.name for v in variables if v.name.endswith(".pole_pairs")] for variables in (
         [v for fault in fault_list.possible(actuator) for v in fault_list.parameters(fault)], actuator.parameters))
-    general = (_command_delay,) if "command_delay" in (fault.name for fault in fault_list.general(actuator)) else ()
+    general = (_command_delay,) if fault_list.has(actuator, "command_delay") else ()
     return (*general, *starmap(one_motor, [*combinations(of_faults, 2), *product(of_faults, others)]))
 
 

@@ -20,7 +20,6 @@ from ...control.trajectory import Ahead, Motion
 from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import mechanics, servo
-from ...physics.mechanics import hinge_friction
 from ...rules import at_most
 from ...steppers import discontinuities
 from ...steppers.discontinuities import Backlash, Coulomb
@@ -135,7 +134,7 @@ def feed_forward(ops: Ops, p: Any, motion: Motion, memory: Value) -> tuple[Ahead
     """
     speed = 0.5 * (motion.rate + motion.next_rate)
     inertia = p.inertia.motor * p.gear.ratio * p.gear.ratio + fin_port.hinge_inertia(p)
-    torque = inertia * motion.acceleration + (p.friction.gear_viscous + hinge_friction(p).viscous) * speed
+    torque = inertia * motion.acceleration + (p.friction.gear_viscous + mechanics.hinge_friction(p).viscous) * speed
     damped = p.controller.kd * speed / firmware.count(p) / p.pwm.full  # compensates the firmware's derivative gain
     duty = torque / p.motor.stall_torque + speed / p.motor.no_load_speed + damped
     return Ahead(speed, p.pwm.full * duty), memory, p.drive.transport_delay
@@ -147,7 +146,7 @@ def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     motor = (servo.motor_torque(ops, p, x, u) - torque - u.gear_friction
              - p.friction.gear_viscous * servo.output_speed(p, x))
     fin = (torque + fin_port.hinge_torque(ops, p, x.fin_angle, u) - u.hinge_friction
-           - hinge_friction(p).viscous * x.fin_rate)
+           - mechanics.hinge_friction(p).viscous * x.fin_rate)
     return {"fin_angle": x.fin_rate, "fin_rate": fin / fin_port.hinge_inertia(p), "motor_angle": x.motor_speed,
             "motor_speed": motor / (p.inertia.motor * p.gear.ratio) - u.alpha_y}
 
