@@ -1,22 +1,23 @@
-"""A supply bus that several drives share: a battery with resistance and charge, and a common DC link.
+"""A supply bus that several drives share: a battery with resistance and charge, and optionally a common DC link.
 
     V_b = V_source - U q/(Q - q)                    open-circuit voltage after a charge q of Q; U polarisation
     V = max(V_b - R I, V_0)        I = sum P_i / V
     with a link:  C dV/dt = max(V_b - V, 0)/R - I - max(V - V_c, 0)/R_c
 
-V is the voltage at the drives; the sag s = V_source - V. V_b is the no-load voltage E_0 - K Q/(Q - q) of the generic
-battery model of Tremblay, Dessaint and Dekkiche (2007), IEEE Vehicle Power and Propulsion Conference, 284-289, without
-its exponential; V_source = E_0 - K and U = K. V_b falls slowly, and steeply where the battery is empty. Without a link
-the battery takes back all returned power until it is full. With a link a diode protects the battery from being charged:
-returned power raises V until drives or the chopper consume it.
+V is the voltage at the drives, P_i the power of a drive, R the battery's resistance; V_c and R_c are those of the
+link's brake chopper. V_b is the no-load voltage E_0 - K Q/(Q - q) of the generic battery model of Tremblay, Dessaint
+and Dekkiche (2007), IEEE Vehicle Power and Propulsion Conference, 284-289, without its exponential; V_source = E_0 - K
+and U = K. V_b falls slowly at first, and steeply as the battery becomes empty. Without a link all returned current
+flows into the battery; its charge does not rise above the full one. With a link a diode protects the battery from being
+charged: returned power raises V until drives or the chopper consume it.
 
 The bus is updated at instants h apart; V is constant in between. In that time a drive at its voltage limit changes its
-current by about dV h/L for a change dV. Without a link the new sag is therefore the intersection of two lines, that of
-the drives' current over V and that of the source, V_b - R I (one step of Newton's method): otherwise the sag would
-overshoot unless R h/L is small. A link follows its equation exactly under the constant current I
+current by about dV h/L for a change dV. Without a link the new sag V_source - V is therefore the intersection of two
+lines, that of the drives' current over V and that of the source, V_b - R I (one step of Newton's method): otherwise the
+sag would overshoot unless R h/L is small. A link follows its equation exactly under the mean I since the last update
 (:func:`emcas_fmu.physics.supply.moved`). Drives and link are stepped in turn. The oscillation of the link with the
 drives' inductances stays bounded if C >= h^2 sum 1/L_i; a smaller C is raised to this value. V_0 is a millivolt, or the
-source's voltage if that is less, so that I = sum P_i/V is finite on a collapsed bus.
+source's voltage if that is less, so that I = sum P_i/V is finite on a collapsed bus; at V = 0 the drives' I is 0.
 
 An actuator with its own link draws the charge that really flowed in an interval. The sag follows from the mean current
 that the actuator will draw in the next interval, with 1/L = Y/h, where Y is its mean admittance. Only the part c = Y h
@@ -32,13 +33,13 @@ from ..namespace import namespace
 from ..ops.base import Ops, Value
 from . import supply
 
-LEAST = 1e-3  # V, smallest voltage at the drives
+LEAST = 1e-3  # V, V_0 of a source with a higher voltage
 NO_LINK = -1.0  # V, state of a link that does not exist or has not been stepped yet
 EMPTY = 1e-6  # smallest remaining share of the charge for which the open-circuit voltage is computed
 
 
 def voltage(ops: Ops, source: Value, sag: Value, link: Value, _: Value) -> Value:
-    """Return the voltage at the drives [V]: that of the link or, without a link, the source's minus the sag."""
+    """Return V [V], at least V_0: that of the link or, without a link, the voltage of the source minus the sag."""
     least = ops.clip(source, 0.0, LEAST)
     return ops.where(link < 0.0, ops.maximum(source - sag, least), ops.maximum(link, least))
 
@@ -77,6 +78,6 @@ def following(ops: Ops, p: Any, source: Value, states: Sequence[Value], current:
     def direct() -> tuple[Value, ...]:
         resistance, admittance = p.source_resistance, h * inverse_inductance
         reached = sag + (resistance * current + fallen - sag) / (1.0 + resistance * admittance)
-        return reached, link, ops.maximum(drawn + mean * h, -p.charge_used)  # a full battery takes no more
+        return reached, link, ops.maximum(drawn + mean * h, -p.charge_used)  # a full battery stores no more
 
     return ops.branch(p.capacitance > 0.0, linked, direct)

@@ -5,12 +5,13 @@
     C = k_T T_r (r + (1 - r) phi/I_r)      k_T = max(1 + a (T - T_0), 0.1)
     C_th dT/dt = sum |F_k s_k| - (T - T_a)/R_th
 
-v comes from the amplifier on a supply V. A negative v is the suppressor's, which absorbs the coil's energy, since the
-amplifier returns no current to the supply. phi is the flux, expressed as the steady coil current that holds it; it lags
-because of eddy currents in the body. C is the torque at which the clutch slips at any slip speed, r its share that
-remains without current. F_k s_k is the heat of slipping, which the body of all clutches absorbs. In data sheets of
-magnetic particle clutches the torque is proportional to the current at any slip speed. Data sheets of friction clutches
-have only the rated point: for these the proportion is an engineering choice.
+v is the coil's voltage, from an amplifier on a supply V, and i its current. A negative v is the suppressor's, which
+absorbs the coil's energy, since the amplifier returns no current to the supply. phi is the flux, expressed as the
+steady coil current that holds it; it lags because of eddy currents in the body. C is the torque at which the clutch
+slips, at any slip speed; T_r and I_r are rated torque and current, r is the share of T_r that remains without current.
+F_k and s_k are torque and slip speed of a clutch: one body at the temperature T absorbs the heat of all clutches. In
+data sheets of magnetic particle clutches the torque is proportional to the current at any slip speed. Data sheets of
+friction clutches have only the rated point: for these the proportion is an engineering choice.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class Coil(NamedTuple):
         return (self.voltage(ops, p, current) - p.coil.resistance * current) / p.coil.inductance
 
     def power(self, ops: Ops, p: Any, current: Value) -> Value:
-        """Return the power [W] that the amplifier draws from the supply; below 0 V the suppressor absorbs it."""
+        """Return the power [W] that the amplifier draws from the supply: 0 while the coil's voltage is negative."""
         return ops.maximum(self.voltage(ops, p, current), 0.0) * current
 
     def margin(self, ops: Ops, p: Any, current: Value) -> Value:

@@ -3,9 +3,10 @@
     J_m m' = t_m - C_m sgn m - F                        |F| <= C, and F = C sgn(m - w) while the clutch slips
     J_s w' = t_s - C_s sgn w + F - e L                  L = J_l w' + L_0        e of :mod:`emcas_fmu.physics.screw`
 
-m and w are the speeds of rotor and screw, L the load behind the screw. Three dry frictions are set-valued: the rotor's,
-the screw's (at rest with the part that its load adds) and the clutch's. If F rises, w' does not fall and m' does not
-rise. The clutch therefore holds if |F| <= C for the F that keeps both speeds equal; every state has one solution.
+m and w are the speeds of rotor and screw. F is the clutch's torque, C the torque at which it slips, L the load behind
+the screw. Three dry frictions are set-valued: the rotor's, the screw's (at rest with the part that its load adds) and
+the clutch's. If F rises, w' does not fall and m' does not rise. The clutch therefore holds if |F| <= C for the F that
+keeps both speeds equal; every state has one solution.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from .stick import start
 
 
 class Train(NamedTuple):
-    """Rotor, clutch and screw at one moment: inertias [kg.m2] and torques [N.m] of the module's equations.
+    """Rotor, clutch and screw at one instant: inertias [kg.m2] and torques [N.m] of the module's equations.
 
-    `dry` is C_m; `sliding` and `load` are C_s and L_0, each for positive and for negative motion. `behind` is the
-    load's torque on a screw at rest without friction. A screw at rest starts under a torque above `high` or below
-    `low`. `forward` and `backward` are the two values of e [-].
+    `rotor` is J_m, `screw` J_s, `behind_inertia` J_l, `rotor_torque` t_m, `screw_torque` t_s, `dry` C_m, `capacity` C.
+    `sliding` and `load` are C_s and L_0, each for positive and for negative motion. `behind` is -L_0 at rest without
+    friction. A screw at rest starts under a torque above `high` or below `low`. `forward` and `backward` are e [-]
+    where the screw drives the load and where the load drives the screw.
     """
 
     rotor: Value
@@ -93,7 +95,7 @@ def _between(ops: Ops, t: Train) -> tuple[Value, Value]:
 
 
 def held(ops: Ops, t: Train, m: Motion) -> Value:
-    """Return F [N.m] of a clutch that holds: the F nearest to 0 with both bodies at rest, where F is not unique."""
+    """Return F [N.m] of a clutch that holds. With both bodies at rest F is not unique: return the one nearest to 0."""
     rate, _ = accelerations(ops, t, m)
     least, most = _between(ops, t)
     resting = ops.maximum(least, ops.minimum(most, 0.0))
@@ -125,7 +127,7 @@ def motion(ops: Ops, t: Train, screw_speed: Value, rotor_speed: Value) -> Motion
 
 
 def margins(ops: Ops, t: Train, m: Motion, screw_speed: Value, rotor_speed: Value) -> dict[str, Value]:
-    """Return the event margins by name: sliding speeds [rad/s], reserves of sticking frictions and the load [N.m]."""
+    """Return the event margins by name: sliding speeds [rad/s], reserves of sticking frictions and load [N.m], or 1."""
     joined = ops.equal(m.clutch, 0.0)
     screw_rests, rotor_rests = ops.equal(m.screw, 0.0), ops.equal(m.rotor, 0.0)
     rests = ops.both(joined, screw_rests)
@@ -144,8 +146,8 @@ def landed(ops: Ops, m: Motion, begin: tuple[Value, Value], end: tuple[Value, Va
            ) -> tuple[Value, Value]:
     """Return the speeds [rad/s] of screw and rotor after a step, equal to the bit if the clutch sticks.
 
-    `begin` and `end` are both speeds before and after the step; `events` is true for the margin that was lost. A
-    friction that slides sticks if its margin was lost, or if it would slide against the direction of its start.
+    `begin` and `end` are both speeds before and after the step; `events` is true for each margin that fell to 0. A
+    friction that slides sticks if its margin fell to 0, or if it would slide against the direction of its start.
     """
     def stops(direction: Value, before: Value, after: Value, event: Value) -> Value:
         backwards = ops.both(ops.equal(before, 0.0), after * direction <= 0.0)

@@ -5,8 +5,8 @@
 w and m are the speeds of screw and motor, s_k the speed at which a friction slides. There are four frictions: the
 screw's (s = w), the motor's (s = m), that of a clutch which turns the screw with the motor (s = m - w), and that of a
 clutch which turns the screw against the motor (s = -m - w). The torque of a friction that slides is F_k = C_k sgn s_k.
-At s_k = 0 a friction sticks with the torque within +-C_k that keeps s_k at 0. The accelerations are at the minimum of a
-convex function (the principle of least constraint), so every state has one solution.
+At s_k = 0 a friction sticks if a torque within +-C_k keeps s_k at 0. The accelerations minimise a convex function (the
+principle of least constraint), so every state has one solution.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def _sliding(ops: Ops, b: Bodies, signs: Sequence[Value]) -> tuple[Value, Value]
 
 
 def _holding(b: Bodies, k: int, torques: tuple[Value, Value]) -> Value:
-    """Return the torque [N.m] with which friction k sticks under these torques of screw and motor."""
+    """Return the torque [N.m] of friction k that keeps it sticking under these torques of screw and motor [N.m]."""
     if k in (SCREW, MOTOR):
         return torques[k]
     (inertia, other), (screw, motor) = b.inertias, torques
@@ -73,7 +73,7 @@ def _holding(b: Bodies, k: int, torques: tuple[Value, Value]) -> Value:
 
 
 def _drag(b: Bodies, along: tuple[float, float], forward: bool) -> Value:
-    """Return the friction [N.m] against a start in a direction of the plane (w, m), or opposite if not `forward`."""
+    """Return the friction [N.m] against a start along (w, m) = `along`, or in the opposite direction: not `forward`."""
     total: Value = 0.0
     for shares, dry in zip(_SHARES, b.dry, strict=True):
         slip = sum(x * y for x, y in zip(shares, along, strict=True)) * (1.0 if forward else -1.0)
@@ -130,7 +130,7 @@ def _from_rest(ops: Ops, bodies: Bodies) -> tuple[Value, ...]:
 
 
 def _rest_margins(ops: Ops, b: Bodies) -> list[Value]:
-    """Return the margins [N.m] of friction against a start along each direction, above 0 while both bodies rest."""
+    """Return the margins [N.m] against a start along each of _ALONG, either way; above 0 while both bodies rest."""
     margins = []
     for along in _ALONG:
         pushing = _dot(along, b.torques)
@@ -139,7 +139,7 @@ def _rest_margins(ops: Ops, b: Bodies) -> list[Value]:
 
 
 def accelerations(ops: Ops, b: Bodies, signs: Sequence[Value]) -> tuple[Value, Value]:
-    """Return d/dt of the speeds of screw and motor [rad/s2]; while a clutch sticks their sizes are equal to the bit."""
+    """Return d/dt of both speeds [rad/s2], screw and motor; while a clutch sticks, equal to the bit except for sign."""
     sticks = [ops.equal(sign, 0.0) for sign in signs]
     screw, motor = _sliding(ops, b, signs)
     together = (screw + motor) / (b.inertias[0] + b.inertias[1])
@@ -173,10 +173,10 @@ def margins(ops: Ops, b: Bodies, signs: Sequence[Value], screw: Value, motor: Va
 
 def landed(ops: Ops, signs: Sequence[Value], begin: tuple[Value, Value], end: tuple[Value, Value],
            events: Any) -> tuple[Value, Value]:
-    """Return the speeds [rad/s] of screw and motor after a step; if a clutch sticks their sizes are equal to the bit.
+    """Return both speeds [rad/s], screw and motor, after a step; if a clutch sticks, equal to the bit except for sign.
 
-    `begin` and `end` are both speeds before and after the step; `events` is true for the margin that was lost. A
-    friction that slides sticks if its margin was lost, or if it would slide against the direction of its start.
+    `begin` and `end` are both speeds before and after the step; `events` is true for each margin that fell to 0. A
+    friction that slides sticks if its margin fell to 0, or if it would slide against the direction of its start.
     """
     before, after = slips(*begin), slips(*end)
 

@@ -1,13 +1,15 @@
 """Hydraulic cylinder with equal areas on the lever of the fin.
 
-    x  = d (tan(theta + theta_0) - tan theta_0)        piston; R = dx/dtheta, R' = dR/dtheta
+    x  = d (tan(theta + theta_0) - tan theta_0)        piston; theta fin angle, R = dx/dtheta, R' = dR/dtheta
     V1 = V0 + A x        V2 = V0 - A x
     p1' = beta/V1 (Q1 - A R w - C_ip (p1 - p2))        p2' = beta/V2 (Q2 + A R w - C_ip (p2 - p1))
     (J + m R^2) w' = R (A (p1 - p2) - b_p R w + m f_x) + T - b_f w - m R R' w^2 - (C_f + R C_p) sgn w
 
-w is the fin's rate, Q the flow into a chamber, m the mass that moves with the piston, T the moment about the hinge.
-Merritt, "Hydraulic Control Systems" (1967), chapters 5 and 6. Dry friction is set-valued at rest
-(:mod:`emcas_fmu.physics.stick`).
+w is the fin's rate, A the piston's area, V0 the volume of a chamber at x = 0, Q the flow into a chamber, C_ip the
+internal leakage, m the mass that moves with the piston, f_x the motion load on it per mass
+(:mod:`emcas_fmu.physics.loads`), T the moment of the other loads about the hinge; b and C are viscous and dry friction
+of piston (p) and fin (f). Merritt, "Hydraulic Control Systems" (1967), chapters 5 and 6. Dry friction is set-valued at
+rest (:mod:`emcas_fmu.physics.stick`).
 """
 
 from __future__ import annotations
@@ -62,13 +64,13 @@ def dry(p: Any, ratio: Value) -> Value:
 
 
 def dry_drop(ops: Ops, p: Any, fin_angle: Value) -> Value:
-    """Return the pressure difference [Pa] that overcomes the dry friction of fin and piston without a load."""
+    """Return the pressure difference [Pa] that overcomes the dry friction of fin and piston at a fin angle [rad]."""
     ratio = kinematics.reduction_ratio(ops, _piston(p), ops.tan(fin_angle + p.kinematics.initial_angle))
     return dry(p, ratio) / (ratio * p.cylinder.area)
 
 
 def pressing(p: Any, c: Linkage, pressure_1: Value, pressure_2: Value) -> Value:
-    """Return the moment [N.m] about the hinge from pressures [Pa] and loads."""
+    """Return the moment [N.m] about the hinge of chamber pressures [Pa] and loads, without friction."""
     return c.ratio * p.cylinder.area * (pressure_1 - pressure_2) + c.load
 
 
@@ -87,5 +89,5 @@ def pressure_rates(p: Any, c: Linkage, fin_rate: Value, pressure_1: Value, press
 
 
 def makeup(ops: Ops, p: Any, pressure: Value, refill: Value, open_: Value) -> Value:
-    """Return the flow [m3/s] through a check valve, which opens below `refill`, into a chamber at `pressure` [Pa]."""
+    """Return the flow [m3/s] into a chamber at `pressure` through a check valve, `open_` below `refill` [Pa]."""
     return ops.where(open_, p.check_valve.conductance * (refill - pressure), 0.0)

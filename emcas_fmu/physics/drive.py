@@ -4,7 +4,7 @@
     i_ref = clip(K_v u + i_off, +-I_max)
     v = clip(K_p (i_ref - i) + xi, +-V_w)        dxi/dt = K_i (i_ref - i), held while v is clipped
 
-V_w is the supply V or, with n > 0 pole pairs, what remains of V besides the inductive voltage across the winding,
+V_w is the supply V or, with n > 0 pole pairs, the part of V that the winding's inductive voltage leaves:
 
     V_w^2 = max(V^2 - (n w L i)^2, 0)
 """
@@ -28,7 +28,7 @@ def current_reference(ops: Ops, p: Any, reference: Value) -> Value:
 
 
 def followed(ops: Ops, p: Any, reference: Value) -> Value:
-    """Return the analogue reference [V] that the drive can follow: `reference` within the current limit."""
+    """Return the analogue reference [V] that the drive can follow: within the current limit, unlimited for a PWM."""
     if p.structure.current == "pwm":
         return reference
     i_ref = current_reference(ops, p, reference)
@@ -124,10 +124,8 @@ def lag(p: Any) -> Value:
 
 
 def inverse(p: Any, current: Value, speed: Value, integral: Value) -> tuple[Value, Value]:
-    """Return the reference [V] for a motor current [A] at a motor speed [rad/s], without offset and limits.
-
-    `integral` [V] is that of the current loop. The second result is the integral [V] after a sample time.
-    """
+    """Return the reference [V] for a motor current [A] at a motor speed [rad/s], without offset and limits, and the
+    current loop's integral [V] a sample time later; `integral` [V] is the present one."""
     if p.structure.current == "ideal":
         return current / p.drive.current_gain, integral
     voltage = p.motor.resistance * current + back_emf(p, speed)

@@ -1,14 +1,14 @@
 """Elastic drive line with a gap: the torque between rotor and fin.
 
 The fin's angle is referred to the motor: phi = theta(fin_angle) of (2.5), so that phi is the motor angle for a rigid
-line. Under one torque T at the motor (force T/l in the screw, moment T R about the hinge) these yield in series: the
+line. Under one torque T at the motor (force T/l in the screw, moment T R about the hinge) these deflect in series: the
 shaft by twist; screw, nut and thrust bearing along the axis; the flanks of nut and fork; and fork, fin shaft and
 structure about the hinge.
 
     s = theta_m - phi                                        deflection at the motor [rad]
     C_s = c_t + c_x/l^2        C_h = R^2 sum 1/k_j           compliances [rad/(N.m)] before and behind the flanks
     C = C_s + 1/(l^2 k_c) + C_h                              second term, of the contact, only with a gap
-    K = 1/C        D = sum D_i (C_i/C)^2                     each damping at its share of the rate of deflection
+    K = 1/C        D = sum D_i (C_i/C)^2                     each damping D_i at its share of the rate of deflection
     f = K (s -+ g/2) + D ds/dt        T = f >= 0 on the flank s >= g/2, f <= 0 on s <= -g/2, else 0
 
 with g = gap/l, l the lead per radian, and R the ratio at the fin's angle. A flank presses and never pulls. Without a
@@ -53,7 +53,7 @@ def structure_compliance(p: Any) -> Value:
 
 
 def hinge_compliance(ops: Ops, p: Any) -> Value:
-    """Return the compliance [rad/(N.m)] about the hinge of fork, fin shaft and structure; a stiffness 0 means rigid."""
+    """Return the compliance [rad/(N.m)] of fork, fin shaft and structure about the hinge; stiffness 0 means rigid."""
     line, total = p.drive_line, 0.0
     for stiffness in (line.fork_stiffness, line.shaft_stiffness, line.structure_stiffness):
         yields = stiffness > 0.0
@@ -116,5 +116,8 @@ def nut_lag(ops: Ops, c: Line, deflection: Value) -> Value:
 
 
 def fin_side(ops: Ops, p: Any, angle: Value, u: Any = NONE) -> mechanics.Mechanics:
-    """Return the coefficients at the motor of the fin side alone, without rotor and nut."""
+    """Return the coefficients at the motor of the fin side alone, without motor, screw and nut, under loads `u`.
+
+    `angle` is the fin angle referred to the motor [rad].
+    """
     return mechanics.coefficients(ops, with_values(p, _NO_ROTOR), angle, u)

@@ -35,7 +35,7 @@ def _acceleration(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Val
 
 
 def advance(ops: Ops, p: Any, angle: Value, rate: Value, u: Record, h: Value) -> tuple[Value, Value]:
-    """Return angle [rad] and rate [rad/s] of the fin after `h` [s]; friction or a stop may bring it to rest."""
+    """Return angle [rad] and rate [rad/s] of the fin after `h` [s] under the loads `u`, within the stops."""
     torque = moment(ops, p, angle + 0.5 * h * rate, u)
     first = _acceleration(ops, p, torque, rate, h)
     turns = rate * (rate + h * first) < 0.0

@@ -1,4 +1,4 @@
-"""Viscous and Coulomb friction at the motor: direction, position, temperature.
+"""Viscous and Coulomb friction at the motor, which depends on direction, fin angle and temperature.
 
     C_m = k_C(T) max(sum_n c_n (fin_angle/20 deg)^n, 0)        b_m = k_b(T) b
 
@@ -25,7 +25,7 @@ POLYNOMIAL_SPAN = radians(20.0)  # the polynomials' variable is fin_angle / POLY
 
 
 def _temperature_factor(ops: Ops, p: Any, ratios: Sequence[Value]) -> Value:
-    """Return the ratio [-] at friction.temperature; at a point of the table it is the table's value to the bit."""
+    """Return the `ratios` [-] interpolated at friction.temperature; at a point of the table, its value to the bit."""
     points, now = p.friction.table.temperature, p.friction.temperature
     factor = ratios[0]
     for low, high, at_low, at_high in zip(points, points[1:], ratios, ratios[1:], strict=False):

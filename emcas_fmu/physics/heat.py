@@ -4,7 +4,7 @@
     R = R_0 (1 + a_R (T_w - T_0))        K_t = K_t0 (1 + a_K (T_c - T_0)), K_e likewise
 
 w is the winding, c the case with stator and magnets, a the ambient. Losses of iron and friction are left out. As in
-servo drives, the drive integrates the square of its current minus that of the continuous current I_c to a load s >= 0:
+servo drives, the drive integrates i^2 - I_c^2, with the continuous current I_c, to a load s >= 0:
 
     ds/dt = F (i^2 - I_c^2) / ((I_p^2 - I_c^2) t_p)        0 <= s
     I_max^2 = I_c^2 + (I_p^2 - I_c^2) clip((1 - s)/(1 - F), 0, 1)

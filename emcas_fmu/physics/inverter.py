@@ -1,9 +1,9 @@
 """Inverter of a three-phase motor: dead time between its switches, and the diodes of an open bridge.
 
-In the dead time t_d between two switches of a phase, the phase current flows through a diode. With f switching periods
-a second the phase loses V t_d f on average, in the direction of its current (Jeong and Park, *The analysis and
-compensation of dead-time effects in PWM inverters*, IEEE Trans. Ind. Electron. 38, 1991). A field-oriented drive loses
-the fundamental of this square wave over an electrical turn, line to line:
+While both switches of a phase are off, for the dead time t_d, the phase current flows through a diode. With f switching
+periods a second on a supply V the phase loses V t_d f on average, in the direction of its current (Jeong and Park, *The
+analysis and compensation of dead-time effects in PWM inverters*, IEEE Trans. Ind. Electron. 38, 1991). A field-oriented
+drive loses the fundamental of this square wave over an electrical turn, line to line:
 
     V_d = (4 sqrt(3)/pi) V t_d f        v - V_d clip(i/i_r, +-1)        i_r = V/(16 L f)
 
@@ -32,9 +32,9 @@ bridge's voltage, which is in phase with the current,
 
 V_1 I = V_s |i| returns to the supply; R I^2 is heat. At V = 0 the current is that of shorted terminals
 (:mod:`.winding`), and no power returns. Between E/V = 1.4 and 2 the constants change linearly with E/V. I is that of a
-constant speed: a fin released at 277 rad/s into 0 V moves 7 % further than with three phases. docs/model/drive.md
-compares the braking current with that of three phases, up to 350 rad/s. The returned power is at most 4 % too large
-where the phases conduct in pulses.
+constant speed: if the bridge opens at a motor speed of 277 rad/s and V = 0, the fin moves 7 % further than with three
+phases. docs/model/drive.md compares the braking current with that of three phases, up to 350 rad/s. The returned power
+is at most 4 % too large where the phases conduct in pulses.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from . import drive
 
 _FUNDAMENTAL = 4.0 * sqrt(3.0) / pi
 IN_SERIES = 2.0 / _FUNDAMENTAL
-"""The voltage that two phases in series lose, 2 V t_d f, as a share of V_d."""
+"""Ratio [-] of the voltage that two phases in series lose, 2 V t_d f, to V_d."""
 _RIPPLE = 1.0 / 16.0
 _TINY = 1e-300
 _RECTIFIED = pi / 3.0
@@ -113,7 +113,7 @@ def diodes(ops: Ops, p: Any, supply: Value, speed: Value) -> Diodes:
 
 
 def current_side(ops: Ops, p: Any, supply: Value, speed: Value, current: Value) -> Value:
-    """Return the sign (-1, 1) of the current through the diodes of an open bridge, 0 if they do not conduct.
+    """Return the sign (-1, 1) of the current through the diodes of an open bridge, 0 without diodes or conduction.
 
     A `current` [A] that flows keeps its sign; a new current flows against the back-EMF of the `speed` [rad/s].
     """

@@ -1,6 +1,6 @@
 """Lever and screw, (2.1)-(2.7): fin angle, nut position and motor angle.
 
-    x = d (tan phi - tan phi_0)         nut position; phi = fin_angle + phi_0, phi_0 = initial_angle
+    x = d (tan phi - tan phi_0)         nut position; d moment arm, phi = fin_angle + phi_0, phi_0 = initial_angle
     theta = x / l                       motor angle; l = screw lead per radian
     R = d theta/d fin_angle = (d/l) / cos^2 phi
 

@@ -1,16 +1,18 @@
 """Loads of a vehicle in motion: gravity and acceleration, (2.27)-(2.45), and rotation.
 
-Body axes x forward (along the screw), y along the hinge, z down. The vehicle's motion is that of a point on the body's
-x axis; the hinge is at r = (mounting.station, 0, 0) from it:
+Body axes are x forward (along the screw), y to the right and z down. The fin's frame is the body's, turned about x by
+mounting.azimuth; its y axis is the hinge. The vehicle's motion (acceleration a, rate w) is that of a point on the
+body's x axis; the hinge is at r = (mounting.station, 0, 0) from it:
 
     a_h = a + w' x r + w x (w x r)                             acceleration at the hinge
     g_b = g (-sin pitch, sin roll cos pitch, cos roll cos pitch)
-    f = R_x(azimuth) (g_b - a_h)                               specific force in the fin's frame
+    f = R_x(azimuth) (g_b - a_h)                               force per mass in the fin's frame
     W = R_x(azimuth) w        A = R_x(azimuth) w'              the vehicle's rotation in the fin's frame
 
-The force on a mass m at r from the hinge is m (f - A x r - W x (W x r) - 2 W x v). The first term acts at the centres
-of mass, turned by the fin angle d. In the other terms the turning parts count as a plate through the hinge: a mass at
-s along the chord is at r = (s cos d, 0, -s sin d), and with J = sum m s^2, the inertia about the hinge,
+f, gravity minus acceleration, is the opposite of the specific force that an accelerometer measures. The force on a mass
+m at r from the hinge is m (f - A x r - W x (W x r) - 2 W x v). The first term acts at the centres of mass, turned by
+the fin angle d. In the other terms the turning parts count as a plate through the hinge: a mass at s along the chord is
+at r = (s cos d, 0, -s sin d), and with J = sum m s^2, the inertia about the hinge,
 
     -y . r x (W x (W x r)) = (W . r) (x W_z - z W_x) = s^2 ((W_x^2 - W_z^2) sin d cos d + W_x W_z cos 2d)
     -y . r x (A x r)       = -s^2 A_y
@@ -41,8 +43,8 @@ GRAVITY = 9.80665  # m/s2, standard gravity (CGPM 1901)
 class MotionLoads(NamedTuple):
     """Loads of the vehicle's motion on an actuator, in the fin's frame.
 
-    ``f_x``, ``f_z`` [m/s2] specific force at the hinge; ``wx2_wz2`` = W_x^2 - W_z^2 and ``wx_wz`` = W_x W_z [rad2/s2];
-    ``alpha_x``, ``alpha_y`` [rad/s2] angular acceleration about the screw and about the hinge.
+    ``f_x``, ``f_z`` [m/s2] gravity minus acceleration at the hinge; ``wx2_wz2`` = W_x^2 - W_z^2 and ``wx_wz`` = W_x W_z
+    [rad2/s2]; ``alpha_x``, ``alpha_y`` [rad/s2] angular acceleration about the screw and about the hinge.
     """
 
     f_x: Value
@@ -54,7 +56,7 @@ class MotionLoads(NamedTuple):
 
 
 LOADS = ("aero_torque", *MotionLoads._fields)
-"""Names of the loads on the plant; the mean of each over a tick acts."""
+"""Names of the loads on the plant; in a tick its mean over the tick acts."""
 NONE = Record(**dict.fromkeys(LOADS, 0.0))
 
 
@@ -62,8 +64,7 @@ def motion_loads(ops: Ops, p: Any, *motion: Value) -> MotionLoads:
     """Return the loads of a vehicle's motion, (2.27)-(2.33), (2.36).
 
     `motion` is the body's acceleration [m/s2], roll, pitch and yaw [rad], rates [rad/s] and angular acceleration
-    [rad/s2]. Yaw has no effect: it is a turn about the direction of gravity. The fin's frame is the body's, turned
-    about x by mounting.azimuth.
+    [rad/s2], about or along x, y and z. Yaw has no effect: it is a turn about the direction of gravity.
     """
     a_x, a_y, a_z, roll, pitch, _, w_x, w_y, w_z, d_x, d_y, d_z = motion
     station, azimuth = p.mounting.station, p.mounting.azimuth
@@ -78,7 +79,7 @@ def motion_loads(ops: Ops, p: Any, *motion: Value) -> MotionLoads:
 
 
 def level(ops: Ops, p: Any, aero_torque: Value = 0.0) -> Record:
-    """Return the LOADS in a vehicle at rest and level, under an aerodynamic moment [N.m]."""
+    """Return the LOADS in a level vehicle at rest, under an aerodynamic moment about the hinge [N.m]."""
     return Record(aero_torque=aero_torque, **motion_loads(ops, p, *(0.0,) * 12)._asdict())
 
 
@@ -119,7 +120,7 @@ def _moment(ops: Ops, p: Any, u: Any, nothing: Value, weight: Callable[[], Value
             angle: Callable[[], tuple[Value, Value]]) -> Value:
     """Return the moment [N.m] of the masses, from `weight`, and of rotation; `angle` returns the fin's cosine and sine.
 
-    If all motion loads in `u` are 0, as with most hosts, the result is `nothing`, a zero.
+    If all these loads in `u` are 0, as without gravity and motion of the vehicle, the result is `nothing`, a zero.
     """
     def rotating() -> tuple[Value, ...]:
         cosine, sine = angle()
@@ -133,7 +134,7 @@ def _moment(ops: Ops, p: Any, u: Any, nothing: Value, weight: Callable[[], Value
 
 
 def _zero(ops: Ops, *values: Value) -> Value:
-    """Return whether all values are zero; every step needs this, so one comparison is used."""
+    """Return whether all values are zero, by a single comparison: every step computes this."""
     return ops.equal(reduce(add, map(ops.fabs, values)), 0.0)
 
 
@@ -152,5 +153,5 @@ def _weight_moment(moments: tuple[Value, Value], cosine: Value, sine: Value, u: 
 
 
 def nut_force(ops: Ops, p: Any, u: Any) -> Value:
-    """Return the axial body force P_n [N] on the nut along +x, (2.42)-(2.45)."""
+    """Return P_n [N], the force of gravity and acceleration on the nut along +x, (2.42)-(2.45)."""
     return p.mass.nut * u.f_x

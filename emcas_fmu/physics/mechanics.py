@@ -1,7 +1,7 @@
 """Equation of motion (2.8)-(2.17), written for the motor angle.
 
-With the fin angle delta, R = d(theta)/d(delta), R' = dR/d(delta), the fin rate q = w/R and dq/dt = (dw/dt)/R -
-R' w^2/R^3, the hinge equation
+With the motor angle theta and speed w, the fin angle delta, R = d(theta)/d(delta), R' = dR/d(delta), the fin rate
+q = w/R and dq/dt = (dw/dt)/R - R' w^2/R^3, the hinge equation
 
     (J_ft + J_t R^2) dq/dt = R T_m - R^2 b_m q - J_t R R' q^2 - b_f q + T_f + l R P_n - T_C
 
@@ -9,8 +9,9 @@ divided by R becomes
 
     (J_t + J_ft/R^2) dw/dt = T_m - b_m w - b_f w/R^2 + T_f/R + l P_n - T_C/R + J_ft R'/R^4 w^2
 
-with R' = 2 R tan(phi). Its coefficients hardly vary. The vehicle's angular acceleration A_x about the screw reduces the
-motor's torque by (J_motor + J_screw) A_x, since rotor and screw also turn with the vehicle.
+with R' = 2 R tan(phi). The coefficients of this form hardly vary with the angle. T_f is the external moment about the
+hinge, T_C the dry friction there, P_n the force on the nut. The vehicle's angular acceleration A_x about the screw
+reduces the motor's torque by (J_motor + J_screw) A_x, since rotor and screw also turn with the vehicle.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ class Mechanics(NamedTuple):
     """Coefficients of the equation of motion at one motor angle, all referred to the motor except `fin`.
 
     ``inertia`` [kg.m2], external ``load`` [N.m], positive along a positive motor angle, ``rotor`` [N.m], the part of
-    the load that acts on the rotor itself, ``centrifugal`` [N.m.s2/rad2], the coefficient of w^2, ``ratio`` R [-],
-    ``gain`` 1/R [-], ``fin`` angle [rad].
+    the load that acts on rotor and screw directly, ``centrifugal`` [N.m.s2/rad2], the coefficient of w^2, ``ratio`` R
+    [-], ``gain`` 1/R [-], ``fin`` angle [rad].
     """
 
     inertia: Value
@@ -93,7 +94,7 @@ class HingeFriction(NamedTuple):
 
 
 def hinge_friction(p: Any) -> HingeFriction:
-    """Return the friction about the hinge, the same equations for all actuators."""
+    """Return the friction about the hinge, for all actuators."""
     return HingeFriction(*(reduce(add, (value_of(p, name) for name in names)) for names in (HINGE_DRY, HINGE_VISCOUS)))
 
 
@@ -125,8 +126,8 @@ def damping(ops: Ops, p: Any, m: Mechanics, direction: Value) -> Value:
 def bristles(ops: Ops, p: Any, m: Mechanics, speed: Value) -> tuple[Value, Value]:
     """Return a = sigma_0 |w|/g [1/s] and sigma_1 [N.m.s/rad] of LuGre bristles at a motor speed w [rad/s].
 
-    g is C_m, with its excess at low speed, plus the dry friction about the hinge, referred to the motor. sigma_1 is so
-    small that sigma_1 |w| < g.
+    g is C_m, with its excess at low speed, plus the dry friction about the hinge, referred to the motor. sigma_1 falls
+    with |w|, so that sigma_1 |w| < g.
     """
     bristle, turning = p.lugre, ops.fabs(speed)
     motor = (friction.coulomb(ops, p, speed, m.fin)

@@ -5,14 +5,15 @@
     Q2 = -(D w - ...)                                  + C_e (p_a - p2) + K_c max(p_a - p_o - p2, 0)
     r(dp) = dp - p_r sgn dp beyond +-p_r, else 0
 
-D is the pump's displacement per radian, and J the inertia of rotor and pump. p_a is the pressure of reservoir and case.
-The conductances are xi of the pump's leakage from side to side, C_e of its leakage to the case, K_b o of the bypass
-valve, open by the share o, K_r of the relief valves, one for each direction, which open at p_r, and K_c of the check
-valves through which the reservoir refills a chamber, with the cracking pressure p_o. Leakage and friction are those of
-Merritt, "Hydraulic Control Systems" (1967), chapter 4.
+D is the pump's displacement per radian, J the inertia of rotor and pump; B, T_c and k describe the shaft's friction.
+p_a is the pressure of reservoir and case. The conductances are xi of the pump's leakage from side to side, C_e of its
+leakage to the case, K_b o of the bypass valve, open by the share o, K_r of the relief valves, one for each direction,
+which open at p_r, and K_c of the check valves through which the reservoir refills a chamber, with the cracking pressure
+p_o. Leakage and friction are those of Merritt, "Hydraulic Control Systems" (1967), chapter 4.
 
-Oil does not bear tension: at the pressure p_v a void opens. Flow into or out of the chamber then changes the void,
-under a modulus far below the oil's. The chamber keeps its volume, so the void has to close before the pressure rises.
+Oil does not bear tension: at the pressure p_v a void opens. Flow into or out of the chamber then changes the void, and
+the pressure hardly: the chamber has a modulus far below the oil's. The void has to close before the pressure exceeds
+p_v again.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ SHUT = Valves(False, False, 0.0, False, False)
 
 
 def bypass(ops: Ops, p: Any, enabled: Value) -> Value:
-    """Return the conductance [m3/(s.Pa)] of the bypass valve, which a parameter may open in a disabled drive."""
+    """Return the conductance [m3/(s.Pa)] of the bypass valve; `opens_disabled` opens it fully while disabled."""
     open_ = ops.where(ops.both(p.bypass_valve.opens_disabled, ops.negate(enabled)), 1.0, p.bypass_valve.opening)
     return open_ * p.bypass_valve.conductance
 
@@ -96,7 +97,7 @@ def flows(p: Any, line: Lines, motor_speed: Value, pressure_1: Value, pressure_2
 
 
 def driving(p: Any, current: Value, drop: Value) -> Value:
-    """Return the torque [N.m] on the shaft from a motor current [A] and a pressure drop [Pa] from chamber 1 to 2."""
+    """Return the torque [N.m] of a motor current [A] and a pressure drop [Pa] from chamber 1 to 2 on the shaft."""
     return drive.torque(p, current) - p.pump.displacement * drop
 
 

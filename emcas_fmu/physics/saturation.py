@@ -7,7 +7,7 @@ current; makers of servo drives approximate a motor's torque by such a polynomia
 *SynchronousMotor torque characteristic*). Since k acts on torque and back-EMF alike, T_m w = e i: all power of the
 back-EMF becomes mechanical power. The inductance is constant.
 
-The polynomial has its largest torque at the current i_s/sqrt(3 s), where k = 2/3. Beyond, k remains 2/3.
+The polynomial has its largest torque at the current i_s/sqrt(3 s), where k = 2/3. At larger currents k remains 2/3.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def constants_left(ops: Ops, p: Any, square: Value) -> Value:
 
 
 def saturated(ops: Ops, p: Any, square: Value) -> Any:
-    """Return the parameters with the motor's constants for the square of a current [A^2]."""
+    """Return the parameters with both constants of the motor at the square of a current [A^2]."""
     left = constants_left(ops, p, square)
     return with_values(p, {"motor.torque_constant": p.motor.torque_constant * left,
                            "motor.back_emf_constant": p.motor.back_emf_constant * left})

@@ -3,8 +3,9 @@
 The axial force F on the screw is a load L = F l at the motor (l: lead per radian). L contains everything on the load
 side of the screw and is positive if it resists positive motion. The torque e L acts on the rotor:
 
-    J_r dw/dt = T_m - C_m sgn w - b_m w - e L            J_r of motor and screw; T_m with other torques on the rotor
-    L = J_l dw/dt + L_0        J_l = m_nut l^2 + J_ft/R^2        L_0 = C_f sgn w/R + b_f w/R^2 - T_f/R - l P_n - ...
+    J_r dw/dt = T_m - C_m sgn w - b_m w - e L        J_r of motor and screw; T_m includes other torques on the rotor
+    L = J_l dw/dt + L_0                              J_l = m_nut l^2 + J_ft/R^2
+    L_0 = C_f sgn w/R + b_f w/R^2 - T_f/R - l P_n - J_ft R'/R^4 w^2
     e = 1/forward where the motor drives the load, L sgn w > 0        e = backward where the load drives the motor
 
 The screw turns (e - 1) L w >= 0 into heat. e L has a kink at L = 0 and no jump. The acceleration is unique while
@@ -55,12 +56,12 @@ def share(ops: Ops, p: Any, transmitted: Value, direction: Value, speed: Value =
 
 
 def hold(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
-    """Return the friction [N.m] that a load `transmitted` [N.m] adds to the other friction at rest."""
+    """Return the friction [N.m] at rest that a load `transmitted` [N.m] adds against a start along `direction`."""
     return (share(ops, p, transmitted, direction) - 1.0) * transmitted * direction
 
 
 def held(ops: Ops, p: Any, m: Mechanics, high: Value, low: Value) -> tuple[Value, Value]:
-    """Return the torques [N.m] beyond which a rotor at rest starts: `high` and `low` plus the load's friction."""
+    """Return the torques [N.m] beyond which a rotor at rest starts: `high` and `low`, widened by the load's."""
     hinge = hinge_dry(p, m)
     return high + hold(ops, p, hinge - behind(m), 1.0), low - hold(ops, p, -hinge - behind(m), -1.0)
 
@@ -86,7 +87,7 @@ def behind(m: Mechanics) -> Value:
 
 
 def load(p: Any, m: Mechanics, speed: Value, direction: Value) -> Value:
-    """Return L_0 [N.m] behind a rigid line at a motor speed [rad/s]."""
+    """Return L_0 [N.m] behind a rigid line at a motor speed [rad/s], in motion along `direction`."""
     hinge = direction * hinge_friction(p).dry * m.gain + hinge_damping(p, m) * speed
     return hinge - behind(m) - m.centrifugal * speed * speed
 

@@ -1,4 +1,4 @@
-"""Heat of a loaded screw, (e - 1) L w of :mod:`emcas_fmu.physics.screw`, from an actuator's states and outputs."""
+"""Loss of a loaded screw, (e - 1) L w of :mod:`emcas_fmu.physics.screw`, from an actuator's states and outputs."""
 
 from __future__ import annotations
 

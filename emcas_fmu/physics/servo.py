@@ -1,18 +1,19 @@
 """A hobby servo's motor and gear, referred to its output shaft.
 
     T_m = T_s (V/V_n - w/w_0)          i = T_s w_0/V_n (V/V_n - w/w_0)
-    T   = k a' + b da/dt               a = motor angle/N - fin angle, a' the part of a beyond the play
+    T   = k a' + b_g da/dt             a = motor angle/N - fin angle, a' the part of a beyond the play
     C   = (C_0 + T_l (m + c min(T_l/T_s, 1))) (1 + s exp(-|w|/w_s))          T_l = (|T_m| + |T|)/2
 
 T_s and w_0 are the stall torque and the no-load speed of the output at the voltage V_n without the gear's friction: a
 DC motor without inductance, whose constants and resistance follow from them (K_t = K_e = V_n/w_0, R = V_n^2/(T_s w_0)).
-b acts only in contact. `motor.asymmetry` is the share of T_m that is lost in one direction of the voltage, since
-brushes are off their neutral position. While the motor brakes, i lacks the same share, or energy would be created.
+The damping b_g acts only in contact. A `motor.asymmetry` above 0 is the share of T_m that is lost under negative
+voltage, one below 0 that under positive voltage, since brushes are off their neutral position. While the motor brakes,
+i lacks the same share, or energy would be created.
 
-C is the dry friction of the gear. It grows with T_l, the mean of the torques at motor and output; m is the share of T_l
-that is lost under a small torque, m + c the share under the stall torque and above. Duclusaud et al., "Extended
-friction models for the physics simulation of servo actuators" (2024), have friction that depends on load, with a
-Stribeck curve, but with coefficients for either end and another quadratic term.
+C is the dry friction of the gear at a motor speed w, referred to the output. It grows with T_l, the mean of the torques
+at motor and output; m is the share of T_l that is lost under a small torque, m + c the share under the stall torque and
+above. Duclusaud et al., "Extended friction models for the physics simulation of servo actuators" (2024), have friction
+that depends on load, with a Stribeck curve, but with coefficients for each end of the gear and another quadratic term.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ def output_speed(p: Any, x: Record) -> Value:
 
 
 def _excess(ops: Ops, p: Any, x: Record, u: Record) -> Value:
-    """Return the voltage minus the back-EMF as a share [-] of the nominal voltage; 0 with an open bridge."""
+    """Return the ratio [-] of voltage minus back-EMF to the nominal voltage; 0 with an open bridge."""
     return ops.where(u.enabled, u.reference * u.supply / p.motor.nominal_voltage
                      - output_speed(p, x) / p.motor.no_load_speed, 0.0)
 
@@ -68,7 +69,7 @@ def half_play(ops: Ops, p: Any, x: Record, u: Record) -> Value:
 
 
 def gear_torque(ops: Ops, p: Any, x: Record, u: Record) -> Value:
-    """Return the torque [N.m] that the gear transmits to the fin; `u.mesh` is the wind-up beyond the play."""
+    """Return the torque [N.m] that the gear transmits to the fin; `u.mesh` [rad] is the wind-up beyond the play."""
     return p.gear.stiffness * u.mesh + p.gear.damping * u.mesh_closed * (output_speed(p, x) - x.fin_rate)
 
 

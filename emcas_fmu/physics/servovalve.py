@@ -4,9 +4,10 @@
     Q1 = K (g(z) s(p_s - p1) - g(-z) s(p1 - p_t))        Q2 with p2 and -z        K = Q_r/sqrt(dp_r/2)
     g(z) = (z + sqrt(z^2 + l^2))/2        s(dp) = dp/(dp^2 + dp_0^2)^(1/4)
 
-Q_r is the flow through the fully open valve at a pressure drop dp_r across both edges. g is the opening of an edge with
-the lap l, which leaks at null. s is the root of turbulent flow, smooth at 0: flow is laminar far below dp_0. Merritt,
-"Hydraulic Control Systems" (1967), chapter 5; Jelali & Kroll, "Hydraulic Servo-systems" (2003), chapter 4.
+u is the command, Q_r the flow through the fully open valve at a pressure drop dp_r across both edges. g is the opening
+of an edge with the lap l, which leaks at null. s is the root of turbulent flow, smooth at 0: flow is laminar far below
+dp_0. Merritt, "Hydraulic Control Systems" (1967), chapter 5; Jelali & Kroll, "Hydraulic Servo-systems" (2003), chapter
+4.
 """
 
 from __future__ import annotations
@@ -50,6 +51,6 @@ def fastest(p: Any) -> Value:
 
 
 def spool_acceleration(p: Any, spool: Value, speed: Value, command: Value) -> Value:
-    """Return z'' [1/s2] within the limits of speed and stroke, at a `spool` position [-] and a `speed` z' [1/s]."""
+    """Return z'' [1/s2] while no limit acts, at a `spool` position [-], a `speed` z' [1/s] and a `command` u [-]."""
     w = p.valve.natural_frequency
     return w * (w * (command - spool) - 2.0 * p.valve.damping * speed)

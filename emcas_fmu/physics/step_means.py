@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..ops.base import Ops, Value
 
-_SHORT = 0.01  # ratio of step to time constant below which closed forms lose digits and series are used, within 6e-7
+_SHORT = 0.01  # ratio of step to time constant up to which series replace closed forms, which lose digits; error 6e-7
 
 
 def shares(ops: Ops, ratio: Value) -> tuple[Value, ...]:

@@ -11,11 +11,11 @@ from typing import NamedTuple
 from ..ops.base import Ops, Value
 
 WALL = 1e30  # N or N.m, friction that represents a mechanical stop: nothing overcomes it
-EDGE = 1.0 - 1e-9  # share of its limit at which friction is overcome: rounding cannot hold a body
+EDGE = 1.0 - 1e-9  # share of its limit at which friction is overcome: a rounding error cannot hold a body
 
 
 class Slide(NamedTuple):
-    """Direction of a body's motion (-1, 0 at rest, 1), and the torques [N.m] beyond which it starts up and down."""
+    """Direction of a body's motion (-1, 0 at rest, 1), and the torques [N.m] that start it forwards and backwards."""
 
     direction: Value
     high: Value
@@ -23,7 +23,7 @@ class Slide(NamedTuple):
 
 
 def overcome(ops: Ops, torque: Value, high: Value, low: Value) -> tuple[Value, Value]:
-    """Return whether a torque [N.m] starts a body at rest upwards (at `high`) and downwards (at `low`)."""
+    """Return whether a torque [N.m] starts a body at rest forwards (from `high` on) and backwards (from `low` on)."""
     # A torque of 0 starts no body, not even one without friction.
     up = ops.both(torque >= high * EDGE, torque > 0.0)
     return up, ops.both(torque <= low * EDGE, torque < 0.0)
@@ -36,7 +36,7 @@ def start(ops: Ops, torque: Value, high: Value, low: Value) -> Value:
 
 
 def holding(ops: Ops, dry: Value, position: Value, stop: Value) -> tuple[Value, Value]:
-    """Return the torques [N.m] beyond which a body at rest at a position [rad] starts up and down, under a dry friction
+    """Return the torques [N.m] that start a body at rest at a position [rad] forwards and backwards, under a dry friction
     `dry` [N.m] and between stops at +-`stop` [rad]."""
     return ops.where(position >= stop, WALL, dry), -ops.where(position <= -stop, WALL, dry)
 
@@ -57,7 +57,7 @@ def moves(ops: Ops, s: Slide, value: Value) -> Value:
 
 
 def reserve(ops: Ops, s: Slide, torque: Value) -> Value:
-    """Return the change of a torque [N.m] that starts a body at rest; it is negative beyond the friction."""
+    """Return the smallest change of a torque [N.m] that starts a body at rest; it is negative beyond the friction."""
     return ops.minimum(s.high - torque, torque - s.low)
 
 

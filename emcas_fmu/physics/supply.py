@@ -33,13 +33,13 @@ def inverter_loss(ops: Ops, p: Any, current: Value) -> Value:
 
 
 def source_current(ops: Ops, p: Any, link: Value, source: Value) -> Value:
-    """Return the current [A] from a source of a voltage [V] into the link."""
+    """Return the current [A] from a `source` [V] into the link [V]."""
     current = (source - link) / p.supply.source_resistance
     return ops.where(p.supply.one_way, ops.maximum(current, 0.0), current)
 
 
 def brake_power(ops: Ops, p: Any, link: Value) -> Value:
-    """Return the power [W] that the chopper turns into heat."""
+    """Return the power [W] that the chopper turns into heat at a link voltage [V]."""
     return ops.maximum(link - p.supply.chopper_voltage, 0.0) / p.supply.chopper_resistance * link
 
 

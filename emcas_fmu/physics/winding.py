@@ -8,9 +8,9 @@ and at a constant speed i_q = -K_e w/R' and a loss of R (i_q^2 + i_d^2) = R' i_q
 
     R' = R + (n w L)^2/R        T = -K_t K_e w R/(R^2 + (n w L)^2)
 
-The braking torque is largest at w = R/(n L). i_d is that of a constant speed even while w changes. R' is that of the
-speed at the start of a step, an error of first order in the tick: from rest under 100 N.m the default fin is off by
-0.0012 deg with ticks of 1 ms, and by 0.005 deg in all.
+The braking torque is largest at w = R/(n L). i_d is that of a constant speed even while w changes, and R' that of the
+speed at the start of a step, with an error of first order in the tick. From rest under 100 N.m the fin angle of the
+default actuator has an error of 0.005 deg in all; the tick's part is 0.0012 deg at 1 ms.
 
 If one phase is open, the two others are in series: one winding of R and L, line to line, whose back-EMF is a sine of
 the rotor's angle,
@@ -18,7 +18,7 @@ the rotor's angle,
     L di/dt = v - R i - s K_e w        T = s K_t i        s = sin n (theta - theta_0)
 
 The drive still requests the reference of each phase, s i_ref in this winding. At a constant i_ref and a low speed the
-torque is s^2 times that of the whole motor: half of it in the mean, and 0 at 2 n angles in a turn. Simscape's block
+torque is s^2 times that of the intact motor: half of it in the mean, and 0 at 2 n angles in a turn. Simscape's block
 PMSM (Single-Phase) has the same equations for the winding.
 """
 
@@ -37,7 +37,7 @@ WITHOUT_LOOP: Mapping[str, Value] = {"motor.pole_pairs": 0, "drive.kp": 1e-12, "
 def shorted(p: Any, pole_pairs: Value, speed: Value) -> Mapping[str, Value]:
     """Return the changed parameters of motor and drive with shorted terminals at a motor speed [rad/s].
 
-    The caller sets the integral of the current loop to 0.
+    The caller sets the integral of the current loop to 0, since shorted terminals have no voltage.
     """
     resistance = p.motor.resistance
     across = pole_pairs * speed * p.motor.inductance
