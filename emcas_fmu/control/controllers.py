@@ -17,8 +17,9 @@ Anti-windup changes I only if Ki_pos > 0, and V no faster than its integral time
 if Ki_vel = 0: without integral action, the change would remain as an offset after every saturation. The controllers use
 the nominal parameters of mechanism and motor.
 
-T_l is the load at the motor without the friction that is fed forward. A first-order observer of the momentum estimates
-it (De Luca & Mattone, "Sensorless robot collision detection and hybrid force/motion control", ICRA 2005):
+T_l is the load at the motor without the friction that is fed forward. A first-order observer of the momentum m, with
+the bandwidth L, estimates it (De Luca & Mattone, "Sensorless robot collision detection and hybrid force/motion
+control", ICRA 2005):
 
     T_l    = L (J w_measured - m)               m+ = m + T_s (K_t i + T_l - K_t K_v u_fc)
 
@@ -49,8 +50,8 @@ class Loops(NamedTuple):
 
 
 class Output(NamedTuple):
-    """Result of a sample: DAC value [V], speed reference before its limit [rad/s], a flag that a limit is active, and
-    the states of the loops after the sample."""
+    """Result of a sample: DAC value [V], speed reference before its limit [rad/s], a flag that a limit of command,
+    speed or DAC acts, and the loops' states after the sample."""
 
     reference: Value
     speed_raw: Value
@@ -72,7 +73,8 @@ def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference
 
 
 def fed_forward(ops: Ops, p: Any, dry: Value, speed_reference: Value) -> Value:
-    """Return the reference [V] against a friction [N.m] at the motor, in proportion to the speed up to speed_band."""
+    """Return the reference [V] against a friction `dry` [N.m] at the motor, times compensation.gain, in proportion to the
+    speed reference [rad/s] up to +-compensation.speed_band."""
     per_volt = drive.stall_torque(p, 1.0)
     share = ops.clip(speed_reference / p.compensation.speed_band, -1.0, 1.0)
     return p.compensation.gain / per_volt * dry * share
@@ -128,7 +130,10 @@ def feed_forward(ops: Ops, p: Any, motion: Motion, integral: Value) -> tuple[Ahe
 
 def sample(ops: Ops, p: Any, loops: Loops, measured: Measurement, current: Value, command: Value,
            ahead: Ahead | None = None) -> Output:
-    """Return the result of a sample for a measured motor `current` [A] and an unlimited fin `command` [rad]."""
+    """Return the result of a sample for a measured motor `current` [A] and an unlimited fin `command` [rad].
+
+    `ahead` is the feed-forward of a motion, if there is one.
+    """
     position, velocity, limit, period = (p.controller.position, p.controller.velocity, p.controller.speed_limit,
                                          p.controller.sample_time)
     target = target_angle(ops, p, command)

@@ -1,8 +1,9 @@
 """Filters of the sampled controllers: an observer of the motor's speed, and a notch in the drive's reference.
 
 The difference of two counts gives the mean speed d since the last sample; it is half a sample old. The observer
-predicts the speed w from a load T_d and the torque of the measured current, and corrects both by d. Its two poles are
-z = exp(-b T_s) (Franklin, Powell & Workman, "Digital Control of Dynamic Systems", 3rd ed., section 8.2):
+predicts the speed w from the torque of the measured current and a load T_d, positive along w, and corrects both by d.
+Its two poles are z = exp(-b T_s) (Franklin, Powell & Workman, "Digital Control of Dynamic Systems", 3rd ed., section
+8.2):
 
     w'  = w + T_s/J (K_t i + T_d)                           e  = d - (w + w')/2             q = exp(-b T_s)
     w+  = w' + (1 - q)(3 + q)/2 e                           T_d+ = T_d + (1 - q)^2 J/T_s e
@@ -30,7 +31,7 @@ from .trajectory import Ahead
 
 
 class Observed(NamedTuple):
-    """States of the observer: motor speed [rad/s] and load at the motor [N.m]."""
+    """States of the observer: motor speed w [rad/s] and load T_d at the motor [N.m]."""
 
     observed_speed: Value
     observed_load: Value
@@ -48,7 +49,7 @@ def _observes(ops: Ops, p: Any) -> Value:
 
 
 def observed(ops: Ops, p: Any, x: Record, measured: Measurement, current: Value) -> tuple[Value, Observed]:
-    """Return the motor speed [rad/s] for the controllers, and the observer's states, at a motor current [A].
+    """Return the motor speed [rad/s] for the controllers, and the observer's states, at a measured current [A].
 
     With a bandwidth of 0, or with the encoder off, this speed is the measured one.
     """
@@ -77,7 +78,7 @@ def rate_led(ops: Ops, p: Any, x: Record, command: Value, ahead: Ahead) -> tuple
 
 
 def notched(ops: Ops, p: Any, x: Record, reference: Value) -> tuple[Value, Notched]:
-    """Return the drive's reference [V] after the notch, within the drive's limits, and the notch's states."""
+    """Return the reference [V] after the notch, within +-drive.reference_limit, and the notch's states."""
     def filtered() -> tuple[Value, ...]:
         f, limit = p.filters, p.drive.reference_limit
         warped = ops.tan(0.5 * f.notch_frequency * p.controller.sample_time)

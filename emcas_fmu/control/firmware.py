@@ -4,8 +4,8 @@
     P = K_p e' + I - K_d dn/dt + P_f       e' = 0 for |e| < dead band, else e
     duty = clip(P, +-P_max)/P_full         I+ = I + T_s K_i e', held while |P| > P_max and e' increases |P|
 
-P_f is the PWM of the feed-forward of a motion, 0 without a motion. Gains convert counts of error to counts of PWM; T_s
-is the frame time. If `encoder.enabled` is false, n(x) is not rounded.
+n is the encoder's counts. P is in counts of PWM, P_full of which are a duty cycle of 1; P_f is that of the feed-forward
+of a motion, 0 without a motion. T_s is the frame time. If `encoder.enabled` is false, n(x) is not rounded.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from .trajectory import Ahead, added
 
 
 class Output(NamedTuple):
-    """Result of a frame: duty cycle [-]; `limited`, 1 if a limit is active, else 0; the integral [counts of PWM] after
-    the frame; the encoder's counts."""
+    """Result of a frame: duty cycle [-]; `limited`, 1 if a limit of PWM or command is active, else 0; the integral
+    [counts of PWM] after the frame; the encoder's counts."""
 
     duty: Value
     limited: Value
@@ -43,7 +43,7 @@ def sample(ops: Ops, p: Any, integral: Value, before: Value, angle: Value, comma
            ahead: Ahead | None = None) -> Output:
     """Return the result of a frame at an output `angle` [rad] for an unlimited fin `command` [rad].
 
-    `before` is the number of counts at the last frame; `ahead` contains the PWM of the feed-forward.
+    `before` is the number of counts at the last frame; `ahead` contains P_f as its `reference`.
     """
     c, period = p.controller, p.controller.sample_time
     now = counts(ops, p, angle)

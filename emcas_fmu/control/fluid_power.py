@@ -6,8 +6,8 @@
 
 x(angle) is the piston's position at a fin angle (:mod:`emcas_fmu.physics.cylinder`): the loop's gain does not depend
 on the angle. At rest I is Kp (1 - b) y. While the speed is limited, I - Kp (1 - b) y is constant. A large step then
-ends without the tail that a weight b below 1 would cause; back-calculation would cause a tail with its time constant.
-v_f is the speed of the feed-forward of a motion.
+ends without the tail that a weight b below 1 would cause; anti-windup by back-calculation would cause a tail with
+its time constant. v_f is the speed of the feed-forward of a motion.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from .trajectory import Ahead, Motion, added
 
 
 class Output(NamedTuple):
-    """Result of a sample: reference of the piston's speed [m/s]; `limited`, 1 if a limit is active, else 0; the
-    integral [m/s] after the sample; `held`, the integral after a sample in which the loop does not integrate."""
+    """Result of a sample: reference of the piston's speed [m/s]; `limited`, 1 if a limit of speed or command is active,
+    else 0; the integral [m/s] after the sample; `held`, the integral after a sample in which the loop does not
+    integrate."""
 
     speed: Value
     limited: Value

@@ -4,7 +4,7 @@
     x_m = x + a_1 (sin(x + p_1) - sin p_1) + a_2 (sin(2 x + p_2) - sin p_2) + sigma z
 
 x is the angle of the encoder's shaft. If a scale is off its axis by e and one head reads it at a radius r, a_1 is e/r.
-The error of an elliptic scale or of an angled shaft coupling has two periods per turn. x_m is 0 at x = 0.
+The error of an elliptic scale or of an angled shaft coupling has two periods per turn. Without noise x_m is 0 at x = 0.
 
 Drive and controllers read i_m. In the drive
 
@@ -83,7 +83,7 @@ def _next(ops: Ops, state: Value, multiplier: float, modulus: float) -> Value:
 
 
 def draw(ops: Ops, one: Value, other: Value) -> tuple[Value, Value, Value]:
-    """Return a random number z [-] and the next states of both generators, `one` and `other`."""
+    """Return a random number z [-] and the next states of both generators, `one` (s) and `other` (t)."""
     total = 0.0
     for sign in _SIGNS:
         one, other = (_next(ops, *generator) for generator in zip((one, other), _MULTIPLIERS, MODULI, strict=True))

@@ -12,8 +12,8 @@ stops the motion in time:
 The motion stops in time if the acceleration can change fast enough: a rule requires j_max >= 1.5 a_max W.
 
 The feedback follows r delayed by the time until a reference acts. With a position integral or a load observer, the
-motion slows down to that of the fin if the fin lags the delayed r by more than a tracking limit, for instance at a low
-supply; it is never reversed.
+motion slows down to that of the fin while the fin lags the delayed r by more than a tracking limit, for instance at a
+low supply; it is never reversed.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def move(ops: Ops, p: Any, angle: Value, rate: Value, before: Value, command: Va
     slope = 2.0 * t.damping / ops.maximum(t.natural_frequency, _SMALLEST)
     near = _BRAKING * most * slope * slope
     distance = ops.fabs(error)
-    # Used beyond `near` only; below, the root's argument stays above 0, where the root has no finite slope.
+    # Used beyond `near` only; below, the root's argument is kept above 0, since the root has no finite slope at 0.
     braking = ops.sqrt(2.0 * _BRAKING * most * ops.maximum(distance - 0.5 * near, 0.25 * near))
     wanted = ops.where(distance > near, ops.where(error < 0.0, -braking, braking), error / slope)
     wanted = ops.clip(wanted, -t.rate_limit, t.rate_limit)
@@ -73,7 +73,7 @@ def move(ops: Ops, p: Any, angle: Value, rate: Value, before: Value, command: Va
 
 
 def delayed(ops: Ops, samples: Value, angles: tuple[Value, ...]) -> Value:
-    """Return the angle [rad] a number of `samples` ago, interpolated; `angles` are the present and earlier ones."""
+    """Return the angle [rad] a number of `samples` ago, interpolated between `angles` of the samples, newest first."""
     total: Value = 0.0
     for k, angle in enumerate(angles):
         total = total + ops.maximum(1.0 - ops.fabs(samples - k), 0.0) * angle
@@ -81,9 +81,9 @@ def delayed(ops: Ops, samples: Value, angles: tuple[Value, ...]) -> Value:
 
 
 def excess(ops: Ops, p: Any, motion: Motion, distance: Value) -> tuple[Value, Value]:
-    """Return the excess [rad] in the travel of a sample over a fin that lags by a `distance` [rad].
+    """Return the part [rad] of a sample's travel that is removed, and its share of this travel [-], 0 at rest.
 
-    The second result is the excess as a share of this travel [-], 0 at rest.
+    The fin lags the motion by a `distance` [rad]; what is beyond the tracking limit is removed.
     """
     limit, travel = p.trajectory.tracking_limit, motion.next_angle - motion.angle
     lost = ops.clip(distance - ops.clip(distance, -limit, limit), ops.minimum(travel, 0.0), ops.maximum(travel, 0.0))
@@ -91,5 +91,5 @@ def excess(ops: Ops, p: Any, motion: Motion, distance: Value) -> tuple[Value, Va
 
 
 def slowed(motion: Motion, lost: Value) -> Value:
-    """Return the next rate [rad/s] of a motion that has lost a share [-] of its travel in a sample."""
+    """Return the next rate [rad/s] of a motion after removal of a share `lost` [-] of a sample's travel."""
     return motion.next_rate * (1.0 - _SLOWING * lost)

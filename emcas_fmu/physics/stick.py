@@ -36,7 +36,7 @@ def start(ops: Ops, torque: Value, high: Value, low: Value) -> Value:
 
 
 def holding(ops: Ops, dry: Value, position: Value, stop: Value) -> tuple[Value, Value]:
-    """Return the torques [N.m] that start a body at rest at a position [rad] forwards and backwards, under a dry friction
+    """Return the torques [N.m] that start a body at rest at a position [rad] forwards and backwards, under dry friction
     `dry` [N.m] and between stops at +-`stop` [rad]."""
     return ops.where(position >= stop, WALL, dry), -ops.where(position <= -stop, WALL, dry)
 
