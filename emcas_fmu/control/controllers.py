@@ -73,8 +73,8 @@ def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference
 
 
 def fed_forward(ops: Ops, p: Any, dry: Value, speed_reference: Value) -> Value:
-    """Return the reference [V] against a friction `dry` [N.m] at the motor, times compensation.gain, in proportion to the
-    speed reference [rad/s] up to +-compensation.speed_band."""
+    """Return the reference [V] against a friction `dry` [N.m] at the motor, times compensation.gain and
+    clip(speed reference [rad/s]/compensation.speed_band, +-1)."""
     per_volt = drive.stall_torque(p, 1.0)
     share = ops.clip(speed_reference / p.compensation.speed_band, -1.0, 1.0)
     return p.compensation.gain / per_volt * dry * share

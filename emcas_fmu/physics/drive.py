@@ -1,7 +1,7 @@
 """Motor and current-mode drive, equations (2.46), (2.47) and section 3.2.2 of the thesis.
 
     L di/dt = v - R i - K_e w        T_m = K_t i
-    i_ref = clip(K_v u + i_off, +-I_max)
+    i_ref = clip(K_v u + i_off, +-I_max)        u: analogue reference
     v = clip(K_p (i_ref - i) + xi, +-V_w)        dxi/dt = K_i (i_ref - i), held while v is clipped
 
 V_w is the supply V or, with n > 0 pole pairs, the part of V that the winding's inductive voltage leaves:

@@ -64,7 +64,7 @@ def rotor_torque(p: Any, u: Any) -> Value:
 
 
 def external_moment(ops: Ops, p: Any, tangent: Value, u: Any) -> Value:
-    """Return T_f [N.m], the total external moment about the hinge."""
+    """Return T_f [N.m], the external moment about the hinge at tan(phi) under the loads `u`."""
     return u.aero_torque + loads.hinge_moment(ops, p, tangent, u)
 
 

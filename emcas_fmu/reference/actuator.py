@@ -1,4 +1,4 @@
-"""Simulation of an actuator: sampled controllers, a delayed DAC and held inputs around integrated equations.
+"""Simulation of an actuator: sampled controllers, a delayed DAC and held inputs; the plant is integrated.
 
 Between two discrete instants (a sample, the arrival of a delayed DAC value, an input row) the actuator is integrated
 from event to event.
@@ -21,7 +21,8 @@ from .vehicle import INPUTS_AT_REST, Surroundings, as_built, clip, surroundings
 DIGITS = 12  # decimals of a second to which instants are rounded: coinciding instants are then equal
 
 Sample = Callable[[State, float, bool], float]
-"""Function of state, command [rad] and enable signal that returns the controllers' output; called once per sample."""
+"""Function of state, command [rad] and enable signal that returns the controllers' output [V or 1]; called once per
+sample."""
 
 
 class Actuator(ABC):

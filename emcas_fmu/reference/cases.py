@@ -24,8 +24,8 @@ SIGNIFICANT_DIGITS = 9  # of the numbers in a reference file
 T = TypeVar("T")
 EDGE_RATE = 400.0  # deg/s, slope of a square wave's edges: faster than the fin, and therefore saturates the drive
 SUPPLY = 39.0  # V, start value of the default actuator's supply
-TOLERANCE = math.radians(0.002)  # rad, largest error of a fin angle: 1/100 of the accuracy in Table 2
-_SAG = 28.0 / 39.0  # share of the supply during a sag, below a fast slew's back-EMF: the motor also regenerates
+TOLERANCE = math.radians(0.002)  # rad, largest error of a fin angle: 1/100 of the accuracy in the thesis's Table 2
+_SAG = 28.0 / 39.0  # share of the supply in a sag, below the back-EMF of a fast slew, so that the motor regenerates
 _SWEEP_TIME = 12.0  # s, duration of a sweep including the lead-in
 
 # A quantised encoder with exact stiction amplifies any difference, even from rounding: two converged integrations of
@@ -81,7 +81,7 @@ def _staircase(time: Array, value: float, *points: tuple[float, float]) -> Array
 
 
 def _square(time: Array) -> Columns:
-    """Return a command of levels +A, 0, -A, 0 with growing A, 150 ms each, joined by rate-limited edges (5.4.1.2)."""
+    """Return a command of levels +A, 0, -A, 0 with growing A, 150 ms each, joined by ramps (section 5.4.1.2)."""
     levels = [sign * amplitude for amplitude in (5.0, 10.0, 15.0, 20.0) for sign in (1.0, 0.0, -1.0, 0.0)]
     target = _staircase(time, 0.0, *((LEAD_IN + 0.15 * k, level) for k, level in enumerate(levels)))
     command, change = np.zeros_like(time), EDGE_RATE * STEP
@@ -97,7 +97,7 @@ def _swept(amplitude: float) -> Callable[[Array], Columns]:
 
 
 def _loaded(torque: float) -> Callable[[Array], Columns]:
-    """Return the builder of a slew from -20 deg, settled without load, to +20 deg while a torque [N.m] rises."""
+    """Return the builder of a slew from rest at -20 deg without load to +20 deg; a torque [N.m] rises at its start."""
     slew = 0.35
     return lambda time: {**_levels((LEAD_IN, -20.0), (slew, 20.0))(time),
                          "aero_torque": KINDS["slew"].torque(time - slew, torque)}

@@ -11,7 +11,7 @@ EDGE = 1e-9  # V, by which a demand may exceed a limit while the amplifier is fr
 
 
 class Coil:
-    """One clutch and its coil: `gain` and `share` name the parameters of amplifier and torque.
+    """One clutch and its coil: `gain` and `share` are the names of the parameters K_p [V/A] and the torque's scatter.
 
     `field` is the mode's field for the voltage: at the supply (1), at the suppressor (-1) or free (0). `current`,
     `flux` and `temperature` are the indices of coil current [A], flux [A] and clutch temperature [degC] in the state.

@@ -1,6 +1,7 @@
 """Motor winding and current-mode drive (2.46, 2.47), with the modes of its voltage limit.
 
-    L di/dt = v - R i - K_e w        v = clip(K_p (i_ref - i) + xi, +-limit)        dxi/dt = K_i (i_ref - i), free only
+    L di/dt = v - R i - K_e w        v = clip(K_p (i_ref - i) + xi, +-limit)
+    dxi/dt = K_i (i_ref - i) while v is not clipped, else 0
 
 The mode of a drive is FREE, 1 or -1 (clipped at the limit of this sign), +-ON_LIMIT (sliding along it), OPEN (bridge
 disabled, no current) or +-DIODES (the diodes of a disabled bridge conduct a current of this sign). An inverter's dead
@@ -72,16 +73,16 @@ class Driven(Actuator):
         return self.p["motor.pole_pairs"] * self.p["motor.inductance"]
 
     def limit(self, m: Motor, around: Surroundings) -> float:
-        """Return the largest voltage [V] along the back-EMF: sqrt(supply^2 - (n w L i)^2)."""
+        """Return the largest voltage [V] in phase with the back-EMF: sqrt(max(supply^2 - (n w L i)^2, 0))."""
         across = self._across() * m.speed * m.current
         return math.sqrt(max(around.supply**2 - across**2, 0.0))
 
     def voltage(self, y: State, around: Surroundings) -> float:
-        """Return the motor terminal voltage [V]; the back-EMF while the bridge is open."""
+        """Return the motor terminal voltage [V]; the back-EMF while the bridge is open and no current flows."""
         m = Motor(self.speed(y), y[self.current], y[self.current + 1])
         mode = self.drive_mode(m, around)
         if mode == OPEN:
-            return self.p["motor.back_emf_constant"] * m.speed  # without current
+            return self.p["motor.back_emf_constant"] * m.speed
         if abs(mode) == DIODES:
             return self._rectified(m, mode, around)[0]
         return clip(self.demand(m, around), self.limit(m, around)) - self._dead(m, around)
@@ -109,10 +110,10 @@ class Driven(Actuator):
         return [] if math.isinf(onset) else [Event(below(way), {"drive": -way * DIODES}) for way in (1, -1)]
 
     def _rectified(self, m: Motor, mode: int, around: Surroundings) -> tuple[float, float]:
-        """Return two voltages [V] of conducting diodes: one gives the power into the supply, one drives the current.
+        """Return two voltages [V] of conducting diodes: v in the motor's power v i, and v in L di/dt.
 
-        Up to a back-EMF of 1.4 times the supply they follow a fit to three phases, from twice the supply phasors, and
-        between these a linear mixture.
+        Up to a back-EMF of 1.4 times the supply they follow a fit to three phases, from twice the supply on phasors,
+        and in between a linear mixture of both.
         """
         p, resistance = self.p, self.p["motor.resistance"]
         emf = abs(p["motor.back_emf_constant"] * self.flux(m.current) * m.speed)
@@ -125,8 +126,8 @@ class Driven(Actuator):
         part = clip((emf / around.supply - 1.7) / 0.6, 0.5) + 0.5 if around.supply > 0.0 else float(emf > 0.0)
         opposed = (1.0 - part) * self._conduction(around) + part * over * line
         fitted = (1.0 - part) * (math.hypot(resistance, 0.8 * reactance) - resistance)
-        taken = -math.copysign(opposed, mode) - fitted * m.current
-        return taken, taken - part * (over**2 - 1.0) * resistance * m.current
+        terminal = -math.copysign(opposed, mode) - fitted * m.current
+        return terminal, terminal - part * (over**2 - 1.0) * resistance * m.current
 
     def electrical(self, m: Motor, mode: int, around: Surroundings) -> tuple[float, float]:
         """Return di/dt [A/s] and dxi/dt [V/s] in a mode of the drive."""
@@ -157,12 +158,12 @@ class Driven(Actuator):
         return -across**2 * m.speed * m.current * (m.acceleration * m.current + m.speed * rise) / limit
 
     def _held_slope(self, m: Motor, around: Surroundings, side: int) -> float:
-        """Return the rate [V/s] at which the demand leaves the limit on `side` outwards, clipped and at constant xi."""
+        """Return the rate [V/s] at which the demand on `side` rises above the limit, clipped and at constant xi."""
         rise, _ = self.electrical(m, side, around)
         return -side * self.p["drive.kp"] * rise - self._limit_slope(m, rise, around)
 
     def _free_slope(self, m: Motor, around: Surroundings, side: int) -> float:
-        """Return the rate of `_held_slope` [V/s] if xi changes."""
+        """Return the rate of `_held_slope` [V/s] with a changing xi."""
         return self._held_slope(m, around, side) + side * self.p["drive.ki"] * (around.reference - m.current)
 
     def _mode_on_limit(self, m: Motor, around: Surroundings, side: int) -> int:

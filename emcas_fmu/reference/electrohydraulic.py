@@ -50,12 +50,12 @@ class Electrohydraulic(Cylinder):
         return [self.p["fin.start_angle"], 0.0, filled, filled, 0.0, 0.0], Mode()
 
     def controller(self, nominal: Electrohydraulic) -> Sample:
-        """Return a PI controller of the piston position; the valve command is its speed reference over the largest."""
+        """Return a PI controller of the piston position; the valve command is its speed over the largest."""
         full = nominal.p["valve.rated_flow"] / nominal.p["cylinder.area"]
         return PistonLoop(nominal.p, full, lambda speed, _piston, _y: (speed / full, 0.0)).sample
 
     def surroundings(self, row: Mapping[str, float], reference: float) -> Surroundings:
-        """Return loads and valve command [1] from a row of inputs and the delayed valve command [1]."""
+        """Return loads and valve command [1], limited and with the null shift, from inputs and the delayed command."""
         command = clip((reference if row["enable"] else 0.0) + self.p["valve.null_shift"], 1.0)
         return surroundings(self.p, row, command, self.supply[0])
 

@@ -1,12 +1,12 @@
 """Integration by SciPy of equations with events, from event to event.
 
-A mode is a named tuple: it says which bodies slide or stick and which limits act. Its equations are smooth. Its event
-margins are functions of the state [SI] that are above 0 while the mode lasts. The mode ends where the first of them
-falls through 0; this event changes states and fields of the mode, one after the other.
+A mode is a named tuple: its fields are the directions in which bodies slide and the limits that act. Its equations are
+smooth. Its event margins are functions of the state [SI] that are above 0 while the mode lasts. The mode ends where the
+first of them falls through 0; this event changes states and fields of the mode, one after the other.
 
 `Event` is a margin with its changes. The following return the events of one field of the mode:
 
-- `switch`: the field is whether a value is above 0.
+- `switch`: the field is true while a value is above 0.
 - `band`: the field is 0 while a value is within a band, 1 above it, -1 below it.
 - `Body`: the field is the direction in which a body under dry friction slides, 0 while it rests.
 """
@@ -46,7 +46,7 @@ class Event:
         self.margin, self.changes = margin, changes
 
     def __call__(self, _time: float, state: State) -> float:
-        # SciPy takes a margin that stays exactly 0 for a crossing. Here 0 counts as positive, so that a frictionless
+        # SciPy counts a margin that stays exactly 0 as a crossing. Here 0 counts as positive, so that a frictionless
         # fin can rest without load.
         return self.margin(state) or sys.float_info.min
 

@@ -41,7 +41,7 @@ Simulate = Callable[[Mapping[str, Value], Mapping[str, Array]], Mapping[str, Arr
 # Overrides added to a case without encoder: the other sensors also measure true values, and the actuator is homed at
 # the start, since it follows no command before.
 _TRUE_ANGLE: Mapping[str, Value] = {"transducer.resolution": 0.0, "homing.required": False}
-# Tolerance of an output that is not in TOLERANCES, relative to its nominal value; a less accurate integrator meets it.
+# Tolerance of an output not in TOLERANCES, relative to its nominal value: enough for a less accurate integrator.
 _RELATIVE = 1e-6
 # Largest magnitude in a column: far above any value of an actuator; sums of squares are still finite.
 _LARGEST = 1e100
@@ -85,8 +85,8 @@ def supply_start(model: str, values: Mapping[str, Value]) -> float:
 def cases(model: str, values: Mapping[str, Value]) -> tuple[Case, ...]:
     """Return the cases that an actuator can run with these values of its parameters, adapted to it.
 
-    A case is left out if it drives an input or changes a parameter that the actuator does not have; parameters of an
-    encoder are ignored.
+    A case is left out if it drives an input or changes a parameter that the actuator does not have, other than one of
+    the encoder.
     """
     names = {"time", *values, *(v.name for v in get(model).inputs)}
     return tuple(
@@ -193,8 +193,8 @@ def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Pr
                parameters: ParameterSet | None = None) -> None:
     """Compute the named cases (default all), then write their files and the provenance into `directory`.
 
-    `parameters` defaults to the shipped set. Raises EmcasError for an unknown case and for an actuator without an
-    independent reference.
+    The provenance of other cases is kept if `names` is not empty. `parameters` defaults to the shipped set. Raises
+    EmcasError for an unknown case and for an actuator without an independent reference.
     """
     used = parameters or load_parameters()
     simulate = simulator(used.model)

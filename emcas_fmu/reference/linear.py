@@ -11,8 +11,9 @@ The assembly angle is zero and the fin angle small, so that the reduction ratio 
 The plant's N, J_eq, B_eq, K_t and K_e are those of the actuator as built; those of the controllers are nominal, without
 ``deviation.*``. The model has no limits, Coulomb friction, friction compensation, current offset, encoder counts or
 loads. The command is delayed by whole samples and held for one sample; it is not rounded. The controllers are sampled
-at T_s. The plant between samples is solved by matrix exponentials, without integration error. The nonlinear reference
-shares only the parameters as built and their dependence on temperature.
+at T_s. Matrix exponentials give the plant between samples without integration error. This model shares with the
+nonlinear reference only parameters (as built, over temperature, summed about the hinge) and the rounding of times to
+samples.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ class LinearModel:
         self.output[0] = 1.0 / built_ratio
 
     def _next(self, states: Array, command: Array, added: Array) -> Array:
-        """Return `states` (rows) one sample later, for commands [rad] and a voltage `added` [V] to the DAC value."""
+        """Return `states` (rows) one sample later, for a command [rad] and a voltage [V] `added` to the DAC value."""
         p, period = self.values, self.sample_time
         theta, speed, current, _, integral, velocity_integral, previous_target, momentum, *dac = states
         target = self.ratio * command

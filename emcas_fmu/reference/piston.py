@@ -70,8 +70,8 @@ class Cylinder(Actuator, ABC):
 class PistonLoop:
     """PI controller of the piston position, which is computed from the transducer's fin angle.
 
-    The speed reference is at most `fastest` [m/s]. From this reference, the measured position [m] and the state,
-    `inner` returns the loop's output and the excess of its demand over the limits.
+    The speed reference is within +-`fastest` [m/s]. From this reference, the measured position [m] and the state,
+    `inner` returns the output [V or 1] and the excess of its demand over its limits, 0 within them.
     """
 
     def __init__(self, p: Mapping[str, float], fastest: float,

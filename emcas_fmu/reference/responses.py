@@ -27,7 +27,7 @@ _EXACT = 17  # significant digits, which preserve every float: references in an 
 
 
 def shipped(parameters: ParameterSet, case: Case) -> dict[str, Array] | None:
-    """Return the shipped response [SI] to a case, up to its end; None if there is none for these parameters."""
+    """Return the shipped response [SI] to a case, up to the case's end; None if there is none for these parameters."""
     if parameters.model != NONLINEAR:
         return None
     known = _stored(models_directory() / "reference", case.name)

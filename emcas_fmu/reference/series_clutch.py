@@ -21,7 +21,7 @@ from .screw import Screw
 from .vehicle import Surroundings, sign
 
 FIN, RATE, ROTOR, CURRENT, INTEGRAL, COIL, FLUX, TEMPERATURE = range(8)
-_KEPT = 1e-9  # N.m at the fin; below it M keeps its direction from the last event (rounding of about 10 N.m)
+_KEPT = 1e-9  # N.m at the fin; below it, as by rounding, M keeps its direction from the last event
 
 
 class Mode(NamedTuple):

@@ -76,7 +76,7 @@ class Servo(Actuator):
         return y
 
     def windup(self, y: State) -> float:
-        """Return the angle [rad] by which the motor, over the ratio, leads the fin."""
+        """Return the motor's angle over the gear ratio minus the fin's [rad]."""
         return y[MOTOR] / self.ratio - y[FIN]
 
     def driven(self, y: State, around: Surroundings) -> float:

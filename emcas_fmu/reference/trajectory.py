@@ -2,8 +2,8 @@
 
 The generator has angle r, rate and acceleration, natural frequency W and damping z. With a small remaining angle e to
 the command its target rate is that of a linear system, e W/(2 z), otherwise that of braking with 0.8 a_max. Its rate
-approaches the target with the time constant 1/(2 z W). The loops' command is r delayed by the drive's delay and the
-current's lag, read from a history of r.
+approaches the target with the time constant 1/(2 z W). The loops' command is r delayed by the drive's delay, the lag of
+its current and the delay of the notch, read from a history of r.
 """
 
 from __future__ import annotations
@@ -52,6 +52,7 @@ class Following(Controllers):
         self._feed_forward(now, rate, following, after)
         whole, share = math.floor(self.delay), self.delay % 1.0
         followed = clip((1.0 - share) * self.history[whole] + share * self.history[whole + 1], self.p["command.limit"])
+        # While the generator slows, its lead is not integrated; if it loses half its motion, the fin hardly moves.
         gains = (0.0, 0.0) if 0.0 < self.lost < 0.5 else self.integral_gains
         self.loop_parameters.update(zip(_INTEGRALS, gains, strict=True))
         # An observed speed is half a sample newer than the mean rate that is fed forward.

@@ -26,7 +26,7 @@ class Surroundings(NamedTuple):
     reference: float  # current reference [A], valve command [1] or duty cycle [1], limited
     supply: float  # V or Pa
     aero_torque: float  # N.m, positive along +delta
-    force: Triple  # m/s2, specific force g_b - a_b at the hinge in the fin's axes
+    force: Triple  # m/s2, gravity minus acceleration, g_b - a_b, at the hinge in the fin's axes
     turning: Triple  # rad/s, the vehicle's rate in the fin's axes
     faster: Triple  # rad/s2, the vehicle's angular acceleration in the fin's axes
     enable: bool

@@ -17,7 +17,7 @@ from .plant import Mode
 from .vehicle import Surroundings
 from .worm_gear import WormPlant
 
-_LEFT = 1e-9  # N.m; a smaller pressure is rounding where flanks separate
+_LEFT = 1e-9  # N.m; a smaller moment between flanks that separate is a rounding error
 _REFUSED = ("motor.pole_pairs", "encoder.on_fin")  # parameters that must be 0
 
 
