@@ -4,10 +4,10 @@
     v_raw = Kp (b r - y) + I + v_f  v_ref = clip(v_raw, +-v_max)
     I+   = I + T_s Ki e            or, while |v_raw| > v_max and e increases |v_raw|, I + Kp (1 - b) (y - y_before)
 
-x(angle) is the piston's position at a fin angle (:mod:`emcas_fmu.physics.cylinder`): the loop's gain does not depend
-on the angle. At rest I is Kp (1 - b) y. While the speed is limited, I - Kp (1 - b) y is constant. A large step then
-ends without the tail that a weight b below 1 would cause; anti-windup by back-calculation would cause a tail with
-its time constant. v_f is the speed of the feed-forward of a motion.
+x(angle) is the piston's position at a fin angle (:mod:`emcas_fmu.physics.cylinder`). The loop controls x, so its gain
+does not depend on the angle. At rest I is Kp (1 - b) y. While the speed is limited, I - Kp (1 - b) y is constant. A
+large step then ends without the tail that a weight b below 1 would cause; anti-windup by back-calculation would cause a
+tail with its time constant. v_f is the speed of the feed-forward of a motion.
 """
 
 from __future__ import annotations

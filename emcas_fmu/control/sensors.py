@@ -37,7 +37,7 @@ def resolution(p: Any) -> Value:
 
 
 def _shifted(value: Value, offset: Value | None, unit: Value) -> Value:
-    """Return `value` plus an `offset` in counts of size `unit`, or `value` if the offset is None."""
+    """Return `value` plus an `offset` in counts of one `unit` each, or `value` if the offset is None."""
     return value if offset is None else value + offset * unit
 
 

@@ -11,17 +11,18 @@ and U = K. V_b falls slowly at first, and steeply as the battery becomes empty. 
 flows into the battery; its charge does not rise above the full one. With a link a diode protects the battery from being
 charged: returned power raises V until drives or the chopper consume it.
 
-The bus is updated at instants h apart; V is constant in between. In that time a drive at its voltage limit changes its
-current by about dV h/L for a change dV. Without a link the new sag V_source - V is therefore the intersection of two
-lines, that of the drives' current over V and that of the source, V_b - R I (one step of Newton's method): otherwise the
-sag would overshoot unless R h/L is small. A link follows its equation exactly under the mean I since the last update
+The bus is updated at intervals h; V is constant in between. Within h a drive at its voltage limit changes its current
+by about dV h/L for a change dV. Without a link the new sag V_source - V is therefore the intersection of two lines,
+that of the drives' current over V and that of the source, V_b - R I (one step of Newton's method): otherwise the sag
+would overshoot unless R h/L is small. A link follows its equation exactly under the mean I since the last update
 (:func:`emcas_fmu.physics.supply.moved`). Drives and link are stepped in turn. The oscillation of the link with the
 drives' inductances stays bounded if C >= h^2 sum 1/L_i; a smaller C is raised to this value. V_0 is a millivolt, or the
 source's voltage if that is less, so that I = sum P_i/V is finite on a collapsed bus; at V = 0 the drives' I is 0.
 
-An actuator with its own link draws the charge that really flowed in an interval. The sag follows from the mean current
-that the actuator will draw in the next interval, with 1/L = Y/h, where Y is its mean admittance. Only the part c = Y h
-of its link takes part in a change of V. If C >= sum c, the exchange between bus and links gains no energy.
+For an actuator with its own link, q rises by the charge that flowed to it in the interval. The sag follows from the
+mean current that the actuator will draw in the next interval, with 1/L = Y/h, where Y is its mean admittance. Within an
+interval only the part c = Y h of its link's capacitance follows a change of V. If C >= sum c, the exchange between bus
+and links gains no energy.
 """
 
 from __future__ import annotations

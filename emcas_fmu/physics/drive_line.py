@@ -116,8 +116,6 @@ def nut_lag(ops: Ops, c: Line, deflection: Value) -> Value:
 
 
 def fin_side(ops: Ops, p: Any, angle: Value, u: Any = NONE) -> mechanics.Mechanics:
-    """Return the coefficients at the motor of the fin side alone, without motor, screw and nut, under loads `u`.
-
-    `angle` is the fin angle referred to the motor [rad].
-    """
+    """Return the coefficients at the motor of the fin side alone, without rotor, screw and nut, under loads `u`, at
+    a fin angle referred to the motor [rad]."""
     return mechanics.coefficients(ops, with_values(p, _NO_ROTOR), angle, u)

@@ -29,7 +29,7 @@ from typing import Any
 
 from ..ops.base import Ops, Value
 
-_LEAST = 1e-6  # smallest size of s, by which some equations divide
+_LEAST = 1e-6  # smallest |s|, since some equations divide by s
 WITHOUT_LOOP: Mapping[str, Value] = {"motor.pole_pairs": 0, "drive.kp": 1e-12, "drive.ki": 0.0}
 """Parameters of a current loop without effect; its gain [V/A] is not 0, since some equations divide by it."""
 

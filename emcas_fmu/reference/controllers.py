@@ -40,7 +40,7 @@ class Bus:
 class Controllers:
     """Encoder, position PI and velocity PI with friction compensation (section 4.2).
 
-    The sensors see `plant`, the actuator as built; the controllers compute with the `nominal` one.
+    The sensors measure `plant`, the actuator as built; the controllers compute with the `nominal` one.
     """
 
     def __init__(self, plant: Screw, nominal: Screw):

@@ -104,7 +104,7 @@ def hinge_friction(p: Mapping[str, float]) -> tuple[float, float]:
 
 
 def as_built(p: Mapping[str, float]) -> dict[str, float]:
-    """Return the plant's parameters: the nominal ones, which the controllers know, changed by ``deviation.*``.
+    """Return the plant's parameters: the nominal ones, which the controllers use, changed by ``deviation.*``.
 
     A deviation is relative to its parameter; that of the assembly angle is a difference [rad].
     """
