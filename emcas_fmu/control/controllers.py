@@ -130,8 +130,8 @@ def feed_forward(ops: Ops, p: Any, motion: Motion, integral: Value) -> tuple[Ahe
 
 def sample(ops: Ops, p: Any, loops: Loops, measured: Measurement, current: Value, command: Value,
            ahead: Ahead | None = None) -> Output:
-    """Return the result of a sample for a measured motor `current` [A], an unlimited fin `command` [rad] and, if any, the
-    feed-forward `ahead` of a motion."""
+    """Return the result of a sample for a measured motor `current` [A], an unlimited fin `command` [rad] and, if any,
+    the feed-forward `ahead` of a motion."""
     position, velocity, limit, period = (p.controller.position, p.controller.velocity, p.controller.speed_limit,
                                          p.controller.sample_time)
     target = target_angle(ops, p, command)

@@ -53,7 +53,7 @@ def fall(ops: Ops, p: Any, drawn: Value) -> Value:
 
 
 def start(ops: Ops, p: Any) -> tuple[Value, ...]:
-    """Return the states of :func:`following` at rest, without a current."""
+    """Return the start values of the states of :func:`following`, without a current."""
     return ops.where(p.source_resistance > 0.0, fall(ops, p, 0.0), 0.0), NO_LINK, 0.0
 
 

@@ -124,7 +124,7 @@ def with_supply(case: Case, supply: float) -> Case:
 def select(names: Collection[str] | None, known: Mapping[str, T], folder: Path | None = None) -> dict[str, T]:
     """Return the cases with these names, in the order of `known`; without names, all of them.
 
-    Raises EmcasError for an unknown name; its message begins with the `folder` of the cases.
+    Raises EmcasError for an unknown name; its message begins with the `folder`, if any.
     """
     for name in names or ():
         if name not in known:

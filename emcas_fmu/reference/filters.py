@@ -15,7 +15,7 @@ from .vehicle import clip
 
 
 class SpeedObserver:
-    """Observer of a motor's speed and load torque from the encoder's difference and the current's torque."""
+    """Observer of a motor's speed and load torque, with a bandwidth [1/s] and a sampling period [s]."""
 
     def __init__(self, bandwidth: float, period: float):
         self.pole, self.period = math.exp(-bandwidth * period), period
@@ -33,7 +33,7 @@ class SpeedObserver:
 
 
 class Notch:
-    """A notch with a frequency [rad/s], where it is exact, and the dampings of its zeros and poles."""
+    """A notch with a frequency [rad/s], where it is exact, the dampings of zeros and poles, and a sampling period [s]."""
 
     def __init__(self, frequency: float, dampings: tuple[float, float], period: float):
         scale = frequency / math.tan(frequency * period / 2.0)
