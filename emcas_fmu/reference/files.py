@@ -95,7 +95,7 @@ def cases(model: str, values: Mapping[str, Value]) -> tuple[Case, ...]:
 
 
 def suited(case: Case, model: str, values: Mapping[str, Value]) -> Case:
-    """Return a case adapted to an actuator: a sag of its supply, exact sensors if the encoder is off, its parameters."""
+    """Return a case adapted to an actuator: a sag of its supply, exact sensors with the encoder off, its parameters."""
     exact = case.overrides.get("encoder.enabled") is False
     overrides = {**case.overrides, **(_TRUE_ANGLE if exact else {})}
     return replace(with_supply(case, supply_start(model, values)),

@@ -33,7 +33,7 @@ class SpeedObserver:
 
 
 class Notch:
-    """A notch with a frequency [rad/s], where it is exact, the dampings of zeros and poles, and a sampling period [s]."""
+    """A notch with a frequency [rad/s], where it is exact, the dampings of zeros and poles, and a period [s]."""
 
     def __init__(self, frequency: float, dampings: tuple[float, float], period: float):
         scale = frequency / math.tan(frequency * period / 2.0)
