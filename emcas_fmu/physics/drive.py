@@ -60,10 +60,10 @@ def steady_current(ops: Ops, p: Any, supply: Value, speed: Value) -> Value:
     If the equation has no solution, return the current with the smallest left side.
     """
     resistance, emf = p.motor.resistance, back_emf(p, speed)
-    across = inductive_voltage(p, speed, 1.0)
-    impedance = resistance * resistance + across * across
-    root = ops.sqrt(ops.maximum(impedance * supply * supply - across * across * emf * emf, 0.0))
-    return (root - resistance * emf) / impedance
+    reactance = inductive_voltage(p, speed, 1.0)
+    squared_impedance = resistance * resistance + reactance * reactance
+    root = ops.sqrt(ops.maximum(squared_impedance * supply * supply - reactance * reactance * emf * emf, 0.0))
+    return (root - resistance * emf) / squared_impedance
 
 
 def knee_speed(ops: Ops, p: Any, supply: Value, current: Value) -> Value:

@@ -40,8 +40,8 @@ def shorted(p: Any, pole_pairs: Value, speed: Value) -> Mapping[str, Value]:
     The caller sets the integral of the current loop to 0, since shorted terminals have no voltage.
     """
     resistance = p.motor.resistance
-    across = pole_pairs * speed * p.motor.inductance
-    return {"motor.resistance": resistance + across * across / resistance, **WITHOUT_LOOP}
+    reactance = pole_pairs * speed * p.motor.inductance
+    return {"motor.resistance": resistance + reactance * reactance / resistance, **WITHOUT_LOOP}
 
 
 def single_phase(ops: Ops, p: Any, pole_pairs: Value, angle: Value) -> Mapping[str, Value]:

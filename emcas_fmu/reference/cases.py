@@ -28,9 +28,9 @@ TOLERANCE = math.radians(0.002)  # rad, largest error of a fin angle: 1/100 of t
 _SAG = 28.0 / 39.0  # share of the supply in a sag, below the back-EMF of a fast slew, so that the motor regenerates
 _SWEEP_TIME = 12.0  # s, duration of a sweep including the lead-in
 
-# A quantised encoder with exact stiction amplifies any difference, even from rounding: two converged integrations of
-# one case differ by up to 0.004 deg (docs/model/numerics.md), although both are correct. Trajectories are therefore
-# compared with feedback of the true angle and speed.
+# A quantised encoder with exact stiction amplifies any difference, even from rounding: integrations with ticks of 5 and
+# 2 us differ by up to 0.0025 deg (docs/model/numerics.md). Trajectories are therefore compared with feedback of the
+# true angle and speed.
 EXACT: Mapping[str, Value] = {"encoder.enabled": False}
 
 Columns = dict[str, Array]

@@ -22,7 +22,7 @@ from . import files, stored
 from .cases import Case
 from .events import Array, Value
 
-_KEPT = 256  # largest number of cached responses, each about 35 kB
+_KEPT = 256  # largest number of cached responses, each about 0.1 MB per second of its case
 _EXACT = 17  # significant digits, which preserve every float: references in an FMU are rounded only once
 
 
@@ -46,9 +46,9 @@ def _stored(folder: Path, name: str) -> stored.Stored | None:
 def response(parameters: ParameterSet, case: Case) -> dict[str, Array]:
     """Return `time` [s] and the outputs [SI] of the independent integration of an actuator.
 
-    The response is the shipped one, or is read from the user's cache, or integrated in a second or two. A user's own
-    actuator is integrated at each call, since the cache would not notice a change of its file. Raises EmcasError for an
-    actuator without an integration.
+    The response is the shipped one, or is read from the user's cache, or integrated, which takes about two seconds per
+    second of the case. A user's own actuator is integrated at each call, since the cache would not notice a change of
+    its file. Raises EmcasError for an actuator without an integration.
     """
     if (known := shipped(parameters, case)) is not None:
         return known
