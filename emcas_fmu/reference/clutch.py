@@ -123,10 +123,10 @@ class Clutches(Actuator):
         ratio, turn = self.screw.ratio(y[FIN]), TURNS[k]
         fin, motor = self._loads(y, mode, around, k)
         bent = ratio * self.screw.bend(y[FIN]) * y[RATE] ** 2
-        rate = ((fin + ratio * turn * motor - self.rotor * ratio * bent)
-                / (self._inertia(ratio) + self.rotor * ratio * ratio))
-        faster = ratio * rate + bent
-        return rate, turn * faster, turn * motor - self.rotor * faster
+        fin_acceleration = ((fin + ratio * turn * motor - self.rotor * ratio * bent)
+                            / (self._inertia(ratio) + self.rotor * ratio * ratio))
+        screw_acceleration = ratio * fin_acceleration + bent
+        return fin_acceleration, turn * screw_acceleration, turn * motor - self.rotor * screw_acceleration
 
     def _excess(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
         """Return the moment [N.m] about the hinge on a resting screw towards `side` beyond stiction."""
@@ -134,15 +134,15 @@ class Clutches(Actuator):
 
     def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
         if 0 in mode.slip:
-            rate, faster, _ = self.locked(y, mode, mode.slip.index(0), around)
+            fin_acceleration, acceleration, _ = self.locked(y, mode, mode.slip.index(0), around)
         else:
             fin, motor = self._loads(y, mode, around)
-            rate, faster = fin / self._inertia(self.screw.ratio(y[FIN])), motor / self.rotor
+            fin_acceleration, acceleration = fin / self._inertia(self.screw.ratio(y[FIN])), motor / self.rotor
         heat = sum(coil.limit(y) * way * slip for coil, way, slip in zip(self.coils, mode.slip, self.slips(y),
                                                                          strict=True))
         (first, flux_1), (second, flux_2) = (coil.slopes(y, mode, reference, around.supply) for coil, reference
                                              in zip(self.coils, self.references(around), strict=True))
-        return [y[RATE], rate if mode.screw else 0.0, faster, first, second, flux_1, flux_2,
+        return [y[RATE], fin_acceleration if mode.screw else 0.0, acceleration, first, second, flux_1, flux_2,
                 self.coils[0].warming(y, heat)]
 
     def admit(self, y: State, mode: Mode, around: Surroundings) -> Any:

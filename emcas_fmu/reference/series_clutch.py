@@ -111,9 +111,9 @@ class SeriesClutch(Driven):
         load_ratio = (self.forward if mode.load > 0 else self.backward) / ratio
         fin_inertia, moment = self._fin(y, way, around)
         bent = ratio * self.screw.bend(y[FIN]) * y[RATE] ** 2
-        rate = (torque - inertia * bent - load_ratio * moment) / (inertia * ratio + load_ratio * fin_inertia)
-        faster = self._slipping_rotor(y, mode, around) if mode.slip else ratio * rate + bent
-        return rate, faster, fin_inertia * rate + moment
+        fin = (torque - inertia * bent - load_ratio * moment) / (inertia * ratio + load_ratio * fin_inertia)
+        rotor = self._slipping_rotor(y, mode, around) if mode.slip else ratio * fin + bent
+        return fin, rotor, fin_inertia * fin + moment
 
     def _slipping_rotor(self, y: State, mode: Mode, around: Surroundings) -> float:
         """Return the acceleration [rad/s2] of the rotor while its clutch slips."""
@@ -123,8 +123,8 @@ class SeriesClutch(Driven):
 
     def _locked_torque(self, y: State, mode: Mode, around: Surroundings) -> float:
         """Return the torque [N.m] through a locked clutch while the screw turns."""
-        _, faster, _ = self._moved(y, mode, around)
-        return self._rotor(y, mode.rotor, around) - self.rotor_inertia * faster
+        _, acceleration, _ = self._moved(y, mode, around)
+        return self._rotor(y, mode.rotor, around) - self.rotor_inertia * acceleration
 
     def _accelerations(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, float]:
         """Return the accelerations of fin and rotor [rad/s2]."""
