@@ -203,8 +203,8 @@ class SeriesClutch(Driven):
 
             return Event(margin, {"screw": screw, "rotor": rotor, "slip": slip})
 
-        # Both bodies rest while some clutch torque within its limit (None) keeps them at rest. The lower and the upper
-        # limit of this torque that meet first determine which bodies start.
+        # Both bodies rest while a torque within the limits of clutch (None) and `_starts` (index) keeps them at rest.
+        # The lower and the upper limit of this torque that meet first determine which bodies start.
         return [starting(3, 0, 1, 1, 0), starting(1, 2, -1, -1, 0), starting(3, None, 0, 1, 1),
                 starting(1, None, -1, 0, 1), starting(None, 2, 0, -1, -1), starting(None, 0, 1, 0, -1)]
 
