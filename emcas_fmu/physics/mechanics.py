@@ -10,8 +10,9 @@ divided by R becomes
     (J_t + J_ft/R^2) dw/dt = T_m - b_m w - b_f w/R^2 + T_f/R + l P_n - T_C/R + J_ft R'/R^4 w^2
 
 with R' = 2 R tan(phi). The coefficients of this form hardly vary with the angle. T_f is the external moment about the
-hinge, T_C the dry friction there, P_n the force on the nut. The vehicle's angular acceleration A_x about the screw
-reduces the motor's torque by (J_motor + J_screw) A_x, since rotor and screw also turn with the vehicle.
+hinge, T_C the dry friction of motor and fin, referred to it, P_n the force on the nut. The vehicle's angular
+acceleration A_x about the screw reduces the motor's torque by (J_motor + J_screw) A_x, since rotor and screw also turn
+with the vehicle.
 """
 
 from __future__ import annotations

@@ -61,7 +61,7 @@ def hold(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
 
 
 def held(ops: Ops, p: Any, m: Mechanics, high: Value, low: Value) -> tuple[Value, Value]:
-    """Return the torques [N.m] beyond which a rotor at rest starts: `high` and `low`, widened by the load's."""
+    """Return the torques [N.m] beyond which a rotor at rest starts: `high` and `low`, each with the load's friction."""
     hinge = hinge_dry(p, m)
     return high + hold(ops, p, hinge - behind(m), 1.0), low - hold(ops, p, -hinge - behind(m), -1.0)
 

@@ -1,13 +1,12 @@
 """Four-way servovalve: spool and metering edges.
 
-    z'' = w_v^2 (u - z) - 2 zeta_v w_v z'        |z'| <= 1/t_s, |z| <= 1        spool, as a share of its stroke
+    z'' = w_v^2 (u - z) - 2 zeta_v w_v z'        |z'| <= 1/t_s, |z| <= 1        spool, command u: shares of the stroke
     Q1 = K (g(z) s(p_s - p1) - g(-z) s(p1 - p_t))        Q2 with p2 and -z        K = Q_r/sqrt(dp_r/2)
     g(z) = (z + sqrt(z^2 + l^2))/2        s(dp) = dp/(dp^2 + dp_0^2)^(1/4)
 
-u is the command, Q_r the flow through the fully open valve at a pressure drop dp_r across both edges. g is the opening
-of an edge with the lap l, which leaks at null. s is the root of turbulent flow, smooth at 0: flow is laminar far below
-dp_0. Merritt, "Hydraulic Control Systems" (1967), chapter 5; Jelali & Kroll, "Hydraulic Servo-systems" (2003), chapter
-4.
+Q_r is the flow through the fully open valve at a pressure drop dp_r across both edges. g is the opening of an edge with
+the lap l, which leaks at null. s is the root of turbulent flow, smooth at 0: flow is laminar far below dp_0. Merritt,
+"Hydraulic Control Systems" (1967), chapter 5; Jelali & Kroll, "Hydraulic Servo-systems" (2003), chapter 4.
 """
 
 from __future__ import annotations

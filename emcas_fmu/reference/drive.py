@@ -97,7 +97,7 @@ class Driven(Actuator):
         return math.sqrt(3.0) * 4.0 / math.pi * around.supply * dead_time * frequency * clip(m.current / ripple, 1.0)
 
     def _conduction(self, around: Surroundings) -> float:
-        """Return the back-EMF [V] above which the diodes of an open bridge conduct: its rectified mean is the supply."""
+        """Return the back-EMF [V] above which diodes of an open bridge conduct: its rectified mean is the supply."""
         return around.supply * math.pi / 3.0 if self.p.get("inverter.pole_pairs") else math.inf
 
     def _begin(self, around: Surroundings) -> list[Event]:
