@@ -38,7 +38,7 @@ class Bus:
 
 
 class Controllers:
-    """Encoder, position PI and velocity PI with friction compensation (section 4.2).
+    """Encoder, position PI and velocity PI with friction compensation (section 4.2), load observer and filters.
 
     The sensors measure `plant`, the actuator as built; the controllers compute with the `nominal` one.
     """
