@@ -283,7 +283,7 @@ def tune(parameters: ParameterSet | None = None, study: Study | Path | str | Non
     base = parameters or load_parameters()
     chosen = (shipped_study(base) if study is None else study if isinstance(study, Study) else
               load_study(Path(study), base))
-    if chosen.specification.needs_analysis:
+    if any(r.test and r.test.kind == "linear" for r in chosen.requirements):
         extras.require("analysis", "margins (tests of kind linear) need", "control", "casadi")
     evaluations = Journal(None if journal is None else Path(journal), chosen)
     return run(chosen, seed, generations, workers or os.cpu_count() or 1, evaluations, progress)

@@ -47,10 +47,13 @@ class OpenedFmu:
 
     def instance(self, log: Callable[..., None]) -> Any:
         """Return a new instance, which passes its messages to `log`. Raises EmcasError if it does not start."""
+        def log_3(environment: Any, *message: Any) -> None:  # FMI 3.0 passes no instance name
+            log(environment, b"", *message)
+
         try:
             # Without debug logging, pythonfmu's wrapper forwards no messages.
             slave = instantiate_fmu(str(self.folder), self.description, "CoSimulation", debug_logging=True,
-                                    logger=_logger_3(log) if self._fmi3 else log)
+                                    logger=log_3 if self._fmi3 else log)
         # fmpy reports a failed load or instantiation as OSError or as a bare Exception.
         except Exception as error:
             raise EmcasError(f"{self.path}: its binary for {fmpy.platform} does not start ({error}); see the FMU's "
@@ -196,8 +199,3 @@ def _start(variable: Element) -> Any:
     if kind == "Boolean":
         return start in ("true", "1", True)
     return start if kind == "String" else int(start or 0) if kind == "Integer" else float(start or 0)
-
-
-def _logger_3(log: Callable[..., None]) -> Callable[..., None]:
-    """Return a logger for FMI 3.0, which passes no instance name, that calls a logger of FMI 2.0."""
-    return lambda environment, status, category, message: log(environment, b"", status, category, message)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, isnan, nan, pi
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy
@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 
 from ..pages.numbers import number
 from .metrics import Array, crossing
-
-if TYPE_CHECKING:
-    from .runs import Run
+from .runs import Run
 
 SWEPT = (0.5, 24.0)  # Hz, range of the estimate: a sweep of 12 s to 30 Hz passes 24 Hz 0.65 s before it ends
 # A response counts as a sine if its fundamental has at least this share of its power. A triangle wave has 0.986, a

@@ -11,16 +11,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import degrees, inf, nan, radians
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..units import RPM
-
-if TYPE_CHECKING:
-    from ..variables import Variable
-    from .runs import Run
+from ..variables import Variable
+from .runs import Run
 
 Array = NDArray[np.floating[Any]]
 

@@ -193,11 +193,6 @@ class Specification:
         return next((abs(r.test.torque) for r in self.requirements
                      if r.figure == "sustained_rate" and r.test and r.test.torque), RATED)
 
-    @property
-    def needs_analysis(self) -> bool:
-        """Whether a requirement needs linear analysis."""
-        return any(r.test and r.test.kind == "linear" for r in self.requirements)
-
 
 def variable_of(name: str, base: ParameterSet) -> Variable:
     """Return a parameter's variable by name. Raises ValueError, with the tunable parameters, for an unknown name."""

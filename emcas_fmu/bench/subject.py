@@ -178,17 +178,13 @@ class Subject(ABC):
         """Return a statement that names the outputs that the subject lacks; empty if it has all."""
         return _without([name for name in outputs if name not in self.outputs])
 
-    @cached_property
-    def _namespace(self) -> Any:
-        return get(self.model).namespace(self.values)
-
     def transport_delay(self, start_values: Mapping[str, Any]) -> Any:
         """Return the delay [s] from a sample of the controllers to the drive.
 
         `start_values` are changed parameters; the delay is an array if it depends on arrays among them.
         """
         delay, ops = self.actuator.transport_delay, ARRAYS if any(map(np.ndim, start_values.values())) else FLOATS
-        return 0.0 if delay is None else delay(ops, with_values(self._namespace, start_values))
+        return 0.0 if delay is None else delay(ops, with_values(self.actuator.namespace(self.values), start_values))
 
     def obstacle(self, excitation: Excitation) -> str:
         """Return the reason why the subject cannot be excited in this way; empty if it can."""

@@ -21,7 +21,7 @@ from rich.segment import Segment
 from ..actuators import EXTENSIONS, FMU_ONLY, HALVES, NAMES, NONLINEAR, split
 from ..errors import EmcasError, EmcasWarning, in_words, writing
 from ..pages.terminal import table as table
-from ..plotting import check_ending
+from ..plotting import PICTURES, check_image
 from ..support.files import as_given
 from ..support.progress import LOG, Progress
 from ..support.writing import try_file, try_folder
@@ -142,7 +142,7 @@ def output_option(what: str, ending: str = ".toml") -> Any:
 def plot_option(what: str, more: str = "") -> Any:
     """Return the option --plot; `what` begins its help, `more` ends it."""
     return value(f"{what} to this file: .html, .svg, .png or .pdf.{more}", "FILE", "--plot",
-                 callback=failures()(check_ending))
+                 callback=failures()(lambda path: check_image(path, PICTURES)))
 
 
 def _not_fmu_only(model: str | None) -> str | None:

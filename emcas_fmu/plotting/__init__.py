@@ -11,11 +11,6 @@ PICTURES = (".html", *IMAGES)
 """Endings of plots: of pages and of images."""
 
 
-def check_ending(path: Path | None) -> Path | None:
-    """Return the path of a plot, or None. Raises EmcasError if it has none of the endings `PICTURES`."""
-    return check_image(path, PICTURES)
-
-
 def check_image(path: Path | None, endings: tuple[str, ...] = IMAGES) -> Path | None:
     """Return the path of an image, or None. Raises EmcasError if it has none of the `endings`."""
     if path is not None and path.suffix not in endings:
