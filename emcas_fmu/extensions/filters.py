@@ -74,4 +74,4 @@ EXTENSION = Extension(
     # The shared loops of motor and screw, which read `observer` of a sample's inputs.
     needs=(capabilities.CASCADE, capabilities.SCREW_EQUATIONS, capabilities.ENCODER, capabilities.REFERENCE_LIMIT),
     parameters=lambda actuator: PARAMETERS, rules=lambda actuator: (_sampled, _LOWERS),
-    references=("emcas_fmu.reference.simulate",))
+    references=("emcas_fmu.reference.plant",))

@@ -153,4 +153,4 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
 EXTENSION = Extension(
     "trajectory", "trajectory generator and feed-forward", extend, needs=(capabilities.POSITION_LOOP,),
     parameters=lambda actuator: PARAMETERS + TRACKING if _slows(actuator) else PARAMETERS, rules=_rules,
-    references=("emcas_fmu.reference.simulate",), command_switch="trajectory.natural_frequency")
+    references=("emcas_fmu.reference.plant",), command_switch="trajectory.natural_frequency")

@@ -110,3 +110,6 @@ class Geared(Plant):
     def bend(self, delta: float) -> float:
         """Return R'/R [-], 0 for a constant ratio."""
         return 0.0
+
+
+simulate = Plant.simulate

@@ -11,7 +11,7 @@ import pytest
 
 from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.reference.simulate import simulate as reference_of
+from emcas_fmu.reference.plant import simulate as reference_of
 from emcas_fmu.simulation import simulate
 from tests.marks import slow
 

@@ -12,7 +12,7 @@ import pytest
 from emcas_fmu.actuators import NAMES
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.files import simulator
-from emcas_fmu.reference.simulate import simulate as integrate
+from emcas_fmu.reference.plant import simulate as integrate
 from emcas_fmu.simulation import Array, simulate, simulate_fins
 from tests.own_actuator.example import MODEL
 from tests.runs import run_both_kernels

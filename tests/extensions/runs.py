@@ -10,7 +10,6 @@ import numpy as np
 
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import files
-from emcas_fmu.reference.simulate import simulate as integrate
 from emcas_fmu.simulation import simulate
 
 WAYS = ("positive", "negative")
@@ -42,8 +41,8 @@ def tick_errors(base: str, extension: str, values: Mapping[str, Any], stop: floa
     module, name = REFERENCES[base]
     rows = round(stop / 1e-3) + 1
     columns: dict[str, Any] = {key: np.broadcast_to(column, rows) for key, column in inputs.items()}
-    exact = integrate(values, {"time": np.arange(rows) * 1e-3, **columns},
-                      getattr(import_module(f"emcas_fmu.reference.{module}"), name))["fin_angle"]
+    plant = getattr(import_module(f"emcas_fmu.reference.{module}"), name)
+    exact = plant.simulate(values, {"time": np.arange(rows) * 1e-3, **columns})["fin_angle"]
     runs = [simulate({**values, "solver.max_tick": values["solver.max_tick"] * tick}, stop, model=f"{base}+{extension}",
                      **columns) for tick in ticks]
     return np.array([np.degrees(np.abs(run["fin_angle"] - exact).max()) for run in runs])

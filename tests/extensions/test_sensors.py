@@ -17,7 +17,6 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.physics import kinematics
-from emcas_fmu.reference.simulate import simulate as integrate
 from emcas_fmu.simulation import simulate
 from tests.marks import others_slow
 from tests.runs import run_both_kernels
@@ -215,7 +214,7 @@ def test_independent_integration_agrees(case: str) -> None:
               "aero_torque": np.where((time > 0.12) & (time < 0.28), 100.0, -60.0),
               "enable": np.where((time > 0.32) & (time < 0.36), 0.0, 1.0)}
     ours = simulate(values, 0.4, 1e-3, model=MODEL, **inputs)
-    theirs = integrate(values, {"time": time, **inputs}, Sensed)
+    theirs = Sensed.simulate(values, {"time": time, **inputs})
     # The limit of every case at the default tick (tests/reference).
     assert np.max(np.abs(np.degrees(ours["fin_angle"] - theirs["fin_angle"]))) < 0.002
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from emcas_fmu.actuators import NAMES, NONLINEAR, TORQUE, get, with_extension
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import ParameterError, load_parameters
-from emcas_fmu.reference.simulate import simulate
+from emcas_fmu.reference.plant import simulate
 from emcas_fmu.runtime import codegen
 from tests.marks import slow
 

@@ -210,7 +210,7 @@ def test_fin_with_other_parameters_has_another_response() -> None:
 
 
 @pytest.mark.parametrize(("model", "file", "statement"), [
-    ("nonlinear+faults", "validation.exp", "independent integration (emcas_fmu.reference.simulate)"),
+    ("nonlinear+faults", "validation.exp", "independent integration (emcas_fmu.reference.plant)"),
     ("nonlinear+heat", "smoke-test.exp", "no independent\nintegration of nonlinear+heat in this case"),
     ("linear", "smoke-test.exp", "no independent\nintegration of linear in this case")])
 def test_text_claims_independence_only_of_an_independent_integration(model: str, file: str, statement: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from emcas_fmu.reference.cases import CASES
-from emcas_fmu.reference.simulate import simulate as reference_of
+from emcas_fmu.reference.plant import simulate as reference_of
 from tests.marks import others_slow, slow
 
 from ..simulation import NAMES, inputs_at_rest, new_core, simulate

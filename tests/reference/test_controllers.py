@@ -13,7 +13,7 @@ import pytest
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.linear import LinearModel
-from emcas_fmu.reference.simulate import simulate as reference
+from emcas_fmu.reference.plant import simulate as reference
 from emcas_fmu.simulation import simulate
 from tests.marks import others_slow
 

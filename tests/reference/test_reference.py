@@ -20,8 +20,7 @@ from emcas_fmu.reference import files
 from emcas_fmu.reference.cases import CASES, Case
 from emcas_fmu.reference.controllers import Controllers
 from emcas_fmu.reference.drive import ON_LIMIT, Motor
-from emcas_fmu.reference.plant import Plant
-from emcas_fmu.reference.simulate import simulate
+from emcas_fmu.reference.plant import Plant, simulate
 from tests.default_actuator import THESIS_LOOPS
 
 Array = NDArray[np.floating[Any]]

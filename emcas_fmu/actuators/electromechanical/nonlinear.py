@@ -139,6 +139,6 @@ ACTUATOR = Actuator(
     tick_remedy=interface.TICK_REMEDY,
     transport_delay=fin_port.transport_delay,
     feed_forward=controllers.feed_forward,
-    reference="emcas_fmu.reference.simulate",
+    reference="emcas_fmu.reference.plant",
     modules=EQUATIONS,
 )
