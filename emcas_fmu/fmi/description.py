@@ -101,7 +101,8 @@ def type_name(v: Variable) -> str | None:
 
 def types(interface: FmuInterface) -> dict[str, Variable]:
     """Return one variable of each type, by the type's name. Raises EmcasError if a variable has the name of a type."""
-    named = {name: v for v in interface.variables if (name := type_name(v))}
+    hidden = interface.actuator.hidden
+    named = {name: v for v in interface.variables if (name := type_name(v)) and v.name not in hidden}
     if clash := [v.name for v in interface.variables if interface.spelt(v.name) in named]:
         raise EmcasError(f"{interface.actuator.name}: {clash[0]} is the name of a type in the model description; "
                          "give the variable another name")

@@ -58,7 +58,7 @@ def unit_definitions(interface: FmuInterface) -> Element:
     """Return the UnitDefinitions element, the same in all versions."""
     shown: dict[str, set[str]] = {}
     for v in interface.variables:
-        if v.kind == "Real":
+        if v.kind == "Real" and v.name not in interface.actuator.hidden:
             shown.setdefault(v.unit, set()).update(filter(None, (display(v), default_display(quantity(v)))))
     return element("UnitDefinitions", {}, (_unit_definition(name, shown[name]) for name in sorted(shown)))
 

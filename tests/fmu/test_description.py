@@ -13,6 +13,7 @@ import pytest
 from emcas_fmu.actuators import fin_port, get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi import description, model_description
+from emcas_fmu.fmi.format import FORMATS
 from emcas_fmu.fmi.interface import MIXING, FmuInterface, fin_sets, start_values
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.variables import Variable, real_output
@@ -55,6 +56,19 @@ def test_every_real_variable_and_enumeration_has_a_type(fins: int) -> None:
                        if shown)
     assert all(len(units) == 1 for units in units_of.values()), units_of
     assert {"Pressure", "BulkModulus", "AngularVelocity", "AngularFrequency", "TemperatureDifference"} < set(units_of)
+
+
+@pytest.mark.parametrize("model", ["nonlinear", "nonlinear+controller", "nonlinear+plant", "nonlinear+torque"])
+def test_units_and_types_are_those_of_the_variables_of_the_fmu(model: str) -> None:
+    """Not those of inputs that a half, or the torque interface, hides."""
+    unit = FmuInterface(1, model)
+    starts = start_values(unit, [load_parameters(model=model).values])
+    root = model_description.model_description(FORMATS["2"], unit, starts, "")
+    variables = root.findall("ModelVariables/ScalarVariable/*")
+    assert {u.get("name") for u in root.findall("UnitDefinitions/Unit")} == {
+        v.get("unit") for v in variables if v.tag == "Real"}
+    assert {t.get("name") for t in root.findall("TypeDefinitions/SimpleType")} == {
+        v.get("declaredType") for v in variables} - {None}
 
 
 def test_variable_with_the_name_of_a_type_is_refused() -> None:
