@@ -24,6 +24,7 @@ ABOVE = "%s = %.9g is above its maximum %.9g"
 TOO_LATE = ("start time %.9g s: at this time numbers are too coarse for the solver's ticks; choose a start time within "
             "+-%.6g s")
 UNCONNECTED = "%s at the first command: the fin does not follow the command; connect this input if it should follow"
+NO_VARIABLE = "no %s variable has value reference %u; modelDescription.xml lists references and types"
 ANGLE = "%.6g rad (%.6g deg)"
 
 

@@ -41,7 +41,7 @@ def interface_header(interface: FmuInterface, starts: Sequence[Any], guid: str, 
     values = ",\n".join(f"    {c_number(start)}" for start in starts)
     categories = ", ".join(c_text(name) for name in Fmi2Slave.log_categories)
     formats = "".join(f"static const char {name}[] = {c_text(getattr(rules, name))};\n"
-                      for name in ("NOT_FINITE", "BELOW", "ABOVE", "TOO_LATE", "UNCONNECTED"))
+                      for name in ("NOT_FINITE", "BELOW", "ABOVE", "TOO_LATE", "UNCONNECTED", "NO_VARIABLE"))
     supply = interface.actuator.supply
     arrays = _arrays(interface, fmi) if fmi.is_3 else ""
     begin = interface.reference.get(fin_port.STEP_BEGIN.name)
@@ -68,6 +68,7 @@ def _sizes(interface: FmuInterface) -> str:
     at = interface.reference
     numbers = {"FMU_INPUTS": len(interface.inputs), "FMU_OUTPUTS": len(interface.outputs),
                "FMU_VARIABLES": len(interface.variables),
+               "FMU_TUNABLES": sum(v.variability == "tunable" for v in interface.parameters),
                "FIN_PARAMETER_BEGIN": len(interface.variables) - interface.fins * len(interface.actuator.parameters),
                "MOTION_BEGIN": at["acceleration.x"],
                "MIXING_BEGIN": at.get(MIXING[0].name, 0)}

@@ -95,7 +95,7 @@ def model_header(actuator: Actuator) -> str:
         f"    CORE_SAMPLED = {controller + 2 + sampled},\n"
         f"    CORE_LOADS = {loads},\n    CORE_MOTION_LOADS = {loads - 1},\n"
         f"    MODEL_MOTION = {motion}\n}};\n\n"
-        f"#define CORE_ENDLESS {c_text(core.TOO_MANY_EVENTS)}\n"
+        f"/* Messages of core_result. */\n#define CORE_REASONS {{{', '.join(map(c_text, core.REASONS))}}}\n"
         "/* Numbers of inputs beyond the fin port's, and of those that act on the plant, which come first. */\n"
         f"#define CORE_FURTHER {len(further)}\n#define CORE_ACTING {acting}\n"
         "/* Index of the supply among the inputs, and of its power among the outputs; -1 if there is none. */\n"

@@ -18,8 +18,7 @@ from . import core
 from .library import loaded, milliseconds, vectors
 from .schedule import Schedule
 
-REASONS = ("", "the state is no longer finite", core.TOO_MANY_EVENTS,
-           f"more than {core.MOST_TICKS} ticks in one step", "the parameters are refused", "an input is not finite")
+REASONS = (*core.REASONS, "the parameters are refused", "an input is not finite")
 """Messages of the results in core_state.h (core_result), followed by those of the additional results in tables.h."""
 _REFUSED, _INPUT_NOT_FINITE, _ALONE = range(len(REASONS) - 2, len(REASONS) + 1)
 Array = NDArray[Any]

@@ -20,6 +20,9 @@ TOO_MANY_EVENTS = (f"more than {MOST_EVENTS} events in a tick: step() of the act
                    "it must return a time above 0 and at most h")
 # Largest number of ticks in one communication step. More are a mistake of the host: the step would seem to hang.
 MOST_TICKS = 100_000_000
+TOO_MANY_TICKS = f"more than {MOST_TICKS} ticks in one step; choose a shorter step"
+REASONS = ("", "the state is no longer finite", TOO_MANY_EVENTS, TOO_MANY_TICKS)
+"""Messages of the results in core_state.h (core_result)."""
 # Ticks from zero to the latest start. There a double resolves an eighth of a tick. The tolerance for the rounding of
 # a host's time, four times that, and the slack, at most a quarter of a tick, together are less than a tick.
 LATEST = 2.0**49
@@ -173,7 +176,7 @@ class Core:
         if not -slack <= end - periods * length <= slack:
             periods, at, rest = self._kernel_locate(end)
         if not (periods - self._period) * ticks <= MOST_TICKS:
-            raise ArithmeticError(f"{(periods - self._period) * ticks:g} ticks in one step are more than {MOST_TICKS}")
+            raise ArithmeticError(TOO_MANY_TICKS)
         reached, to = (self._period, self._position), (int(periods), int(at))
         if to <= reached:  # time never goes back
             covered = self._part[1] if self._part is not None else 0.0

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .core import MOST_TICKS, Core, Functions, Inputs, Sizes, alike, finite, inputs_of
+from .core import MOST_TICKS, TOO_MANY_TICKS, Core, Functions, Inputs, Sizes, alike, finite, inputs_of
 
 _CORE = 7  # number of functions that a core needs; mixing and the functions of the line follow
 _COURSE = _CORE + 6  # index of line_course, which only fins that store charge have
@@ -123,7 +123,7 @@ class MultiFin:
         last, source, stiff = end + self.slack, inputs[0][self._supply], self._stiff
         interval = self._line[-1] if self._line else 1.0
         if not stiff and not end / interval - self._instant <= MOST_TICKS:
-            raise ArithmeticError(f"a step to {end!r} s has more than {MOST_TICKS} instants of the line")
+            raise ArithmeticError(TOO_MANY_TICKS)
         # By rounding, a host's time may be slightly before an instant at which its step ends.
         while not stiff and (following := self._instant * interval) <= last:
             consumption = self._consumed_next(source, self._run_fins(min(following, end), inputs))

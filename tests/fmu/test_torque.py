@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 from emcas_fmu.actuators import NONLINEAR
 from emcas_fmu.cli import app
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.rules import NO_VARIABLE
 from tests.extensions.test_torque import PARTS, coupled, restoring, steps
 
 from .built import lean, unpacked
@@ -95,7 +96,7 @@ def test_references_without_a_variable_are_refused(name: str, files: Mapping[str
         unit.log.clear()
         statuses = unit.set_vr("Real", reference, np.nan), unit.get_vr("Real", [reference])[0]
         assert statuses == ((OK, OK) if name == "python" else (ERROR, ERROR))  # the wrapper can refuse only steps
-        assert [f"no Real variable has value reference {reference}"] * 2 == [message for _, message in unit.log]
+        assert [NO_VARIABLE % ("Real", reference)] * 2 == [message for _, message in unit.log]
     if name == "native":
         fmu.references["unseen"] = min(unseen)
         assert unit.differentiate("unseen", 1, 1.0) == ERROR

@@ -11,6 +11,7 @@ import pytest
 from pythonfmu.enums import Fmi2Status
 
 from emcas_fmu.fmi.interface import FmuInterface
+from emcas_fmu.rules import NO_VARIABLE
 from tests.default_actuator import VARIABLES
 from tests.fmu.built import slave_class
 
@@ -91,7 +92,7 @@ def test_boolean_read_as_real_is_nan_with_a_message(slave: Any) -> None:
         angle, saturated = slave.get_real([INDEX["fin_angle"], INDEX["saturated"]])
         assert isnan(saturated)
         assert not isnan(angle)
-        assert slave.log_queue[-1].msg == f"no Real variable has value reference {INDEX['saturated']}"
+        assert slave.log_queue[-1].msg == NO_VARIABLE % ("Real", INDEX["saturated"])
         assert slave.get_integer([INDEX["fin_angle"], 10_000, -1]) == [0, 0, 0]
         assert slave.get_boolean([INDEX["enable"], INDEX["fin_angle"]]) == [True, False]
         assert slave.do_step(k * 1e-3, 1e-3)
@@ -107,8 +108,8 @@ def test_wrong_value_reference_is_reported_once(slave: Any, capsys: pytest.Captu
         assert slave.do_step(k * 1e-3, 1e-3)
     assert slave.get_real([INDEX["fin_command"]]) == [0.1]
     assert capsys.readouterr().err.splitlines() == [
-        f"fin: no Integer variable has value reference {INDEX['fin_command']}; it is not set",
-        "fin: no Real variable has value reference 10000; it is not set"]
+        f"fin: {NO_VARIABLE % ('Integer', INDEX['fin_command'])}; it is not set",
+        f"fin: {NO_VARIABLE % ('Real', 10_000)}; it is not set"]
 
 
 @pytest.mark.parametrize(("name", "message"), [

@@ -34,6 +34,7 @@ CORE_REQUIRE(parameters_are_those_of_line_and_fins,
 /* Everything that reset and the FMU state functions copy. */
 typedef struct {
     double values[FMU_VARIABLES];
+    double tuned[FMU_TUNABLES + 1]; /* the last tunable parameters that kept the rules; C has no empty arrays */
     double rates[FMU_INPUTS]; /* derivatives of the inputs in the next step (FMI 2.0) */
     double start, stop, now;    /* s; stop is infinite if the host sets none, now counts from the start */
     int32_t phase;
@@ -47,7 +48,7 @@ typedef struct {
     host_services host;
     const char *name;
     uint32_t logged;    /* a bit for each category */
-    int32_t unprepared; /* parameters have changed since the fins were bound to them */
+    int32_t pending;    /* the next step checks the parameters, and binds the fins to them */
     int32_t check_inputs; /* an input might be infinite or NaN */
     int32_t moved;      /* motion_loads are out of date */
     int32_t commanded;  /* check_drive has seen a command other than 0 */
@@ -169,25 +170,26 @@ static void report_rule(const instance *m, int status, size_t fin, const char *m
     report(m, status, format, n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]);
 }
 
-/* Return whether the parameters `p` of a fin (of the line if `fin` is FINS) keep the rules that warn, if `warnings`, or
- * the rules that refuse. Log every broken rule, but a warning only once while it holds; `warned` stores that. */
-static bool rules_kept(const instance *m, const rule *some, size_t count, const double *p, const double *constants,
-                       size_t fin, bool warnings, bool *warned)
+/* Return whether the parameters `p` of a fin (of the line if `fin` is FINS) keep the rules that warn, if `status` is
+ * that of a warning, or the rules that refuse. Log every broken rule with the status, but a warning only once while it
+ * holds; `warned` stores that. */
+static bool rules_kept(const instance *m, int status, const rule *some, size_t count, const double *p,
+                       const double *constants, size_t fin, bool *warned)
 {
+    const bool warnings = status == FMI(Warning);
     double numbers[RULE_NUMBERS + 1];
     bool good = true;
     for (size_t i = 0; i < count; ++i) {
         if ((bool)some[i].warning != warnings) continue;
         const bool broken = rules_broken(&some[i], p, constants, numbers);
-        if (broken && !warned[i])
-            report_rule(m, warnings ? FMI(Warning) : FMI(Error), fin, some[i].message, numbers + 1);
+        if (broken && !warned[i]) report_rule(m, status, fin, some[i].message, numbers + 1);
         warned[i] = broken && warnings;
         good &= !broken;
     }
     return good;
 }
 
-static bool all_rules_kept(instance *m, bool warnings)
+static bool all_rules_kept(instance *m, int status)
 {
     double constants[RULES_CONSTANTS];
     bool good = true;
@@ -195,38 +197,42 @@ static bool all_rules_kept(instance *m, bool warnings)
     const double *line = m->s.values + PARAMETER_BEGIN;
     double of_line[LINE_RULES_CONSTANTS + 1];
     line_rules_prepare(line, of_line);
-    good &= rules_kept(m, LINE_RULE, LINE_RULES, line, of_line, FINS, warnings, m->warned_of_line);
+    good &= rules_kept(m, status, LINE_RULE, LINE_RULES, line, of_line, FINS, m->warned_of_line);
 #endif
     for (size_t fin = 0; fin < FINS; ++fin) {
         rules_prepare(parameters(m, fin), constants);
-        good &= rules_kept(m, RULE, RULES, parameters(m, fin), constants, fin, warnings, m->warned[fin]);
+        good &= rules_kept(m, status, RULE, RULES, parameters(m, fin), constants, fin, m->warned[fin]);
     }
     return good;
 }
 
 /* Return whether all parameters are within their limits and keep the rules; log every value outside its limits, or, if
- * all are within, every broken rule. */
-static bool sound(instance *m)
+ * all are within, every broken rule with the status. */
+static bool sound(instance *m, int status)
 {
     bool good = true;
     for (size_t vr = 0; vr < FMU_VARIABLES; ++vr)
         if (vr >= PARAMETER_BEGIN || VARIABLE[vr].tunable) good &= !out_of_range(m, vr, m->s.values[vr]);
-    return good && all_rules_kept(m, false);
+    return good && all_rules_kept(m, status);
 }
 
 static bool sound_unlogged(instance *m)
 {
     const uint32_t logged = m->logged;
     m->logged = 0;
-    const bool good = sound(m);
+    const bool good = sound(m, FMI(Error));
     m->logged = logged;
     return good;
 }
 
+/* Bind the fins to the parameters, which must be sound. */
 static void prepare(instance *m)
 {
+    double *tuned = m->s.tuned;
+    for (size_t i = PARAMETER_BEGIN; i < FMU_VARIABLES; ++i)
+        if (VARIABLE[i].tunable) *tuned++ = m->s.values[i];
     multi_fin_bind(&m->fins, m->s.values + PARAMETER_BEGIN, parameters(m, 0)); /* the line's come first */
-    m->unprepared = 0;
+    m->pending = 0;
     m->moved = 1; /* motion loads depend on parameters, too */
 }
 
@@ -259,23 +265,23 @@ static void update_motion_loads_now(instance *m)
     m->moved = 0;
 }
 
-/* Update the outputs. An input that is not finite, which the next step refuses, leaves them unchanged during the run;
- * before it, outputs that cannot be computed are NaN, 0 or false. */
+/* Update the outputs. An input that is not finite, and parameters that break a rule, which the next step refuses, leave
+ * them unchanged during the run; before it, outputs that cannot be computed are NaN, 0 or false. */
 static void refresh(instance *m)
 {
     const bool before = m->s.phase & BEFORE_RUN;
     core_inputs now[FINS];
     m->s.fresh = 1;
-    const bool finite = core_all_finite(m->s.values, FMU_INPUTS);
-    if (!finite && !before) return;
-    if (before && (!finite || !sound_unlogged(m))) {
+    const bool possible = core_all_finite(m->s.values, FMU_INPUTS) && (!m->pending || sound_unlogged(m));
+    if (!possible && !before) return;
+    if (!possible) {
         for (size_t vr = OUTPUT_BEGIN; vr < PARAMETER_BEGIN; ++vr)
             m->s.values[vr] = VARIABLE[vr].kind == REAL ? NAN : 0.0;
         return;
     }
-    if (before || m->unprepared) {
+    if (m->pending) {
         prepare(m);
-        m->unprepared = 1; /* the next step logs warnings */
+        m->pending = 1; /* the next step logs warnings */
     }
     if (before) multi_fin_start(&m->fins, &m->s.fins);
     update_motion_loads_now(m);
@@ -297,27 +303,12 @@ static bool settable(const instance *m, size_t index, double value)
     return false;
 }
 
-/* Return whether setting this variable changes a parameter during the run. */
-static bool tunes(const instance *m, size_t index)
-{
-    return index >= PARAMETER_BEGIN && !(m->s.phase & BEFORE_RUN);
-}
-
-/* Return whether the parameters still keep the rules after a call has tuned some; if not, log the broken rules and
- * restore the values `before` the call. */
-static bool tuned(instance *m, const double *before)
-{
-    if (all_rules_kept(m, false)) return true;
-    memcpy(m->s.values, before, sizeof m->s.values);
-    return false;
-}
-
 static void set_one(instance *m, size_t index, double value)
 {
     m->s.values[index] = value;
     m->s.fresh = 0;
     if (!core_finite(value)) m->check_inputs = 1;
-    if (index >= PARAMETER_BEGIN) m->unprepared = 1;
+    if (index >= PARAMETER_BEGIN) m->pending = 1;
     if (index - MOTION_BEGIN < MODEL_MOTION) m->moved = 1; /* unsigned: smaller indices wrap around */
 }
 

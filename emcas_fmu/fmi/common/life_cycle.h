@@ -10,7 +10,7 @@ static void reset_instance(instance *m)
     memcpy(m->s.values, START, sizeof START);
     m->s.phase = INSTANTIATED;
     m->s.stop = HUGE_VAL;
-    m->unprepared = m->moved = m->check_inputs = 1;
+    m->pending = m->moved = m->check_inputs = 1;
     m->ticks = m->interval_known = false;
     m->commanded = 0;
     memset(m->warned, 0, sizeof m->warned);
@@ -59,11 +59,11 @@ static int begin_initialization(instance *m, double start, bool stops, double st
 FMI(Status) FMI(ExitInitializationMode)(void *c)
 {
     instance *m = c;
-    if (!allowed(m, INITIALIZING, __func__) || !sound(m)) return FMI(Error);
+    if (!allowed(m, INITIALIZING, __func__) || !sound(m, FMI(Error))) return FMI(Error);
     if (!m->s.fresh) refresh(m); /* outputs for the case that an input is not finite */
     prepare(m);
     if (fabs(m->s.start) > m->fins.latest) return report(m, FMI(Error), TOO_LATE, m->s.start, m->fins.latest);
-    all_rules_kept(m, true);
+    all_rules_kept(m, FMI(Warning));
     multi_fin_start(&m->fins, &m->s.fins);
     m->s.phase = m->event_mode ? HANDLING_EVENT : RUNNING;
     m->s.fresh = 0;

@@ -60,7 +60,7 @@ static const char *unsound_line(const multi_fin *m, const model_state *s)
 static const char *unsound(const instance *m, const model_state *s)
 {
     if (s->phase != INSTANTIATED && s->phase != INITIALIZING && s->phase != RUNNING && s->phase != TERMINATED
-        && !(s->phase == HANDLING_EVENT && m->event_mode))
+        && s->phase != HANDLING_EVENT)
         return "unknown phase";
     if (!core_finite(s->start) || !(s->stop >= s->start) || !core_finite(s->now) || s->now < 0.0)
         return "impossible time";
@@ -75,7 +75,10 @@ static const char *unsound(const instance *m, const model_state *s)
     if (s->phase & BEFORE_RUN) return NULL; /* the core will be restarted */
     instance probe = {.host = m->host, .name = m->name}; /* logs nothing */
     probe.s = *s;
-    if (!sound(&probe)) return "its parameters break a limit or rule";
+    const double *tuned = s->tuned;
+    for (size_t i = PARAMETER_BEGIN; i < FMU_VARIABLES; ++i)
+        if (VARIABLE[i].tunable) probe.s.values[i] = *tuned++;
+    if (!sound(&probe, FMI(Error))) return "its parameters break a limit or rule";
     prepare(&probe);
     if (fabs(s->start) > probe.fins.latest) return "impossible time";
     for (size_t fin = 0; fin < FINS; ++fin) {
@@ -101,9 +104,11 @@ FMI(Status) FMI(SetFMUState)(void *c, void *state)
     instance *m = c;
     const model_state *s = state;
     if (!allowed_with(m, ANY_PHASE, 1, s, s, __func__)) return FMI(Error);
+    if (s->phase == HANDLING_EVENT && !m->event_mode)
+        return report(m, FMI(Error), "FMU state refused: it is of event mode; restore it in an instance that has it");
     if (memcmp(m->s.values + PARAMETER_BEGIN, s->values + PARAMETER_BEGIN,
                (FMU_VARIABLES - PARAMETER_BEGIN) * sizeof(double)) != 0)
-        m->unprepared = 1;
+        m->pending = 1;
     m->s = *s;
     m->moved = m->check_inputs = 1;
     m->ticks = false;

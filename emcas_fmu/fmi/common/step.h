@@ -47,9 +47,10 @@ static int step_end(instance *m, double time, double size, double *end)
         if (!core_all_finite(m->s.values, FMU_INPUTS)) return bad_inputs(m, time);
         m->check_inputs = 0;
     }
-    if (m->unprepared) {
+    if (m->pending) {
+        if (!sound(m, FMI(Discard))) return FMI(Discard);
         prepare(m);
-        all_rules_kept(m, true);
+        all_rules_kept(m, FMI(Warning));
     }
     const double begin = time - m->s.start;
     /* Far from 0 the times of a host are coarser than the slack. */
@@ -72,13 +73,9 @@ static int step_end(instance *m, double time, double size, double *end)
 /* Return the status of a step; advance the time to `end` if it was computed. */
 static int step_done(instance *m, core_result result, double time, double size, double end)
 {
-    if (result == CORE_TOO_MANY_TICKS)
-        return report(m, FMI(Discard), "step of %.17g s from %.17g s has more than %d ticks", size, time,
-                      CORE_MOST_TICKS);
-    if (result == CORE_TOO_MANY_EVENTS)
-        return report(m, FMI(Discard), "step of %.17g s from %.17g s: " CORE_ENDLESS, size, time);
+    static const char *const REASON[] = CORE_REASONS;
     if (result != CORE_DONE)
-        return report(m, FMI(Discard), "step of %.17g s from %.17g s: the state is no longer finite", size, time);
+        return report(m, FMI(Discard), "step of %.17g s from %.17g s: %s", size, time, REASON[result]);
     m->s.fresh = 1;
     m->s.now = end;
     return FMI(OK);

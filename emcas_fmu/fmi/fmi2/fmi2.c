@@ -56,7 +56,7 @@ static void release(const host_services *host, void *block)
 static bool is_a(const instance *m, size_t vr, int kind)
 {
     if (vr < FMU_VARIABLES && VARIABLE[vr].kind == kind && !VARIABLE[vr].hidden) return true;
-    report(m, fmi2Error, "no %s variable has value reference %u", KIND[kind], (unsigned)vr);
+    report(m, fmi2Error, NO_VARIABLE, KIND[kind], (unsigned)vr);
     return false;
 }
 
@@ -67,28 +67,20 @@ static bool is_a(const instance *m, size_t vr, int kind)
         instance *m = c;                                                                                        \
         bool good = true;                                                                                       \
         if (!allowed_with(m, ANY_PHASE, n, vr, value, __func__)) return fmi2Error;                              \
-        if (!m->s.fresh) refresh(m);                                                                            \
-        for (size_t i = 0; i < n; ++i)                                                                          \
-            if (is_a(m, vr[i], kind))                                                                           \
-                value[i] = (fmi2##Kind)m->s.values[vr[i]];                                                      \
-            else                                                                                                \
-                good = false;                                                                                   \
+        for (size_t i = 0; i < n; ++i) good &= is_a(m, vr[i], kind);                                            \
+        if (good && !m->s.fresh) refresh(m);                                                                    \
+        for (size_t i = 0; good && i < n; ++i) value[i] = (fmi2##Kind)m->s.values[vr[i]];                       \
         return good ? fmi2OK : fmi2Error;                                                                       \
     }                                                                                                           \
     fmi2Status fmi2Set##Kind(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2##Kind value[]) \
     {                                                                                                           \
         instance *m = c;                                                                                        \
-        bool good = true, tuning = false;                                                                       \
-        double before[FMU_VARIABLES];                                                                           \
+        bool good = true;                                                                                       \
         if (!allowed_with(m, BEFORE_END, n, vr, value, __func__)) return fmi2Error;                             \
-        for (size_t i = 0; i < n; ++i) {                                                                        \
+        for (size_t i = 0; i < n; ++i)                                                                          \
             good &= is_a(m, vr[i], kind) && settable(m, vr[i], as_number(value[i]));                            \
-            tuning |= tunes(m, vr[i]);                                                                          \
-        }                                                                                                       \
-        if (!good) return fmi2Error;                                                                            \
-        if (tuning) memcpy(before, m->s.values, sizeof before);                                                 \
-        for (size_t i = 0; i < n; ++i) set_one(m, vr[i], as_number(value[i]));                                  \
-        return !tuning || tuned(m, before) ? fmi2OK : fmi2Error;                                                \
+        for (size_t i = 0; good && i < n; ++i) set_one(m, vr[i], as_number(value[i]));                          \
+        return good ? fmi2OK : fmi2Error;                                                                       \
     }
 
 DEFINE_ACCESS(Real, REAL, (double))
@@ -113,7 +105,7 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
     if (!allowed_with(m, BEFORE_END, n, order, order, __func__)) return fmi2Error;
     for (size_t i = 0; i < n; ++i) {
         if (vr[i] >= OUTPUT_BEGIN || VARIABLE[vr[i]].kind != REAL || VARIABLE[vr[i]].tunable || VARIABLE[vr[i]].hidden)
-            return report(m, fmi2Error, "no Real input has value reference %u", (unsigned)vr[i]);
+            return report(m, fmi2Error, NO_VARIABLE, "Real input", (unsigned)vr[i]);
         if (order[i] != 1)
             return report(m, fmi2Error, "derivative of order %d of %s: only order 1 is used", (int)order[i],
                           VARIABLE[vr[i]].name);
@@ -163,14 +155,15 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean
     instance *m = c;
     double end = 0.0;
     if (!allowed(m, RUNNING, __func__)) return fmi2Error;
-    if (step_end(m, time, size, &end) != fmi2OK) return fmi2Error;
-    const double begin = time - m->s.start;
-    const bool ramped = m->s.has_rates && end > begin;
-    const core_result result = ramped ? ramped_step(m, begin, end) : held_step(m, end);
-    m->s.terminated = result != CORE_DONE; /* otherwise fmpy repeats the same step for ever */
-    const int status = step_done(m, result, time, size, end);
-    /* The ramps of mixed commands and of a line end within rounding of the outputs for the inputs at their ends. */
-    if (FINS > 1 && ramped && status == fmi2OK) m->s.fresh = 0;
+    int status = step_end(m, time, size, &end);
+    if (status == fmi2OK) {
+        const double begin = time - m->s.start;
+        const bool ramped = m->s.has_rates && end > begin;
+        status = step_done(m, ramped ? ramped_step(m, begin, end) : held_step(m, end), time, size, end);
+        /* The ramps of mixed commands and of a line end within rounding of the outputs for the inputs at their ends. */
+        if (FINS > 1 && ramped && status == fmi2OK) m->s.fresh = 0;
+    }
+    if (status != fmi2Error) m->s.terminated = status != fmi2OK; /* otherwise fmpy repeats the same step for ever */
     return status;
 }
 

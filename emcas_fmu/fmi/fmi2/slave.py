@@ -11,7 +11,7 @@ from functools import partialmethod
 from math import inf, isfinite, nan
 from typing import Any
 
-from ...rules import TOO_LATE, UNCONNECTED
+from ...rules import NO_VARIABLE, TOO_LATE, UNCONNECTED
 from ...runtime.core import Core, finite
 from ...runtime.multi_fin import MultiFin
 from . import stored
@@ -74,7 +74,10 @@ class Slave(DeclaredSlave):
                 self._log(f"initialization refused: {problem}")
             self._say(f"initialization refused: {self._refusal}")
             return
-        if not self._finite(self._core_inputs(self._core)):
+        core: Any = self._core
+        if self._finite(inputs := self._core_inputs(core)):
+            self._values[self._output_slice] = core.outputs(inputs)
+        else:
             self._clear_outputs()
         self._warn()
 
@@ -197,8 +200,9 @@ class Slave(DeclaredSlave):
             references = self._kinds[kind]
             if references.issuperset(vrs):
                 return list(map(values.__getitem__, vrs))
-            unknown = ", ".join(str(v) for v in vrs if v not in references)
-            self._log(f"no {kind} variable has value reference {unknown}")
+            for vr in vrs:
+                if vr not in references:
+                    self._log(NO_VARIABLE % (kind, vr))
             return [values[vr] if vr in references else missing for vr in vrs]
         except BaseException as error:  # noqa: BLE001  see reporting.py
             self._misused(f"reading variables: {type(error).__name__}: {error}")
@@ -207,13 +211,15 @@ class Slave(DeclaredSlave):
     def _refresh(self) -> None:
         """Update the outputs in `_values`.
 
-        An input that is not finite, which the next step refuses, leaves them unchanged during the run; before it,
-        outputs that cannot be computed are NaN, 0 or false.
+        An input that is not finite, and parameters that break a rule, which the next step refuses, leave them unchanged
+        during the run; before it, outputs that cannot be computed are NaN, 0 or false.
         """
         core = self._core
         if self._phase in _BEFORE_RUN:
             core = None if self._parameter_problems() else self._bind(anew=True)
-        elif core is not None and self._changed and not self._parameter_problems():
+        elif core is not None and self._changed and not self._refusal:
+            if self._parameter_problems():
+                return
             core = self._bind(anew=False)
             self._changed = True  # the next step logs warnings
         if core is None or self._refusal:
@@ -242,7 +248,7 @@ class Slave(DeclaredSlave):
 
     def _set_other(self, kind: str, vr: int, value: Any) -> None:
         if vr not in self._kinds[kind]:
-            message = f"no {kind} variable has value reference {vr}"
+            message = NO_VARIABLE % (kind, vr)
             self._log(message)
             self._say(f"{message}; it is not set")
         elif vr in self.outputs:
