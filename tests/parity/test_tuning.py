@@ -35,7 +35,8 @@ class Both:
         self.python.setup_experiment(0.0)
         self.python.enter_initialization_mode()
         assert [self.native.setup(), self.native.enter()] == [OK, OK]
-        self.set("fault.phase_loss.active", True)
+        for name, value in {"fault.phase_loss.active": True, "controller.sample_time": 2e-3, GAIN: 100.0}.items():
+            self.set(name, value)
         self.python.exit_initialization_mode()
         assert self.native.call("ExitInitializationMode") == OK
 
@@ -105,7 +106,7 @@ class Both:
 def built(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Any:
     (fins, fmi), folder = request.param, tmp_path_factory.mktemp("tuned")
     parameters = load_parameters(model="nonlinear+trajectory+faults").with_values(
-        {"trajectory.natural_frequency": "200 rad/s"})
+        {"trajectory.natural_frequency": "200 rad/s", GAIN: "800 1/s"})  # this gain is too high for 2 ms
     interface = FmuInterface(fins, parameters.model)
     sets = [parameters.values] if fins == 1 else [each.values for each in fin_sets(parameters, fins)]
     fmu = unpacked(lean(parameters, folder / "x.fmu", fins=fins, fmi=fmi), folder)

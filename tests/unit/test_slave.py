@@ -93,6 +93,7 @@ def test_boolean_read_as_real_is_nan_with_a_message(slave: Any) -> None:
         assert isnan(saturated)
         assert not isnan(angle)
         assert slave.log_queue[-1].msg == NO_VARIABLE % ("Real", INDEX["saturated"])
+        assert "modelDescription.xml lists references and types" in slave.log_queue[-1].msg
         assert slave.get_integer([INDEX["fin_angle"], 10_000, -1]) == [0, 0, 0]
         assert slave.get_boolean([INDEX["enable"], INDEX["fin_angle"]]) == [True, False]
         assert slave.do_step(k * 1e-3, 1e-3)
