@@ -26,7 +26,7 @@ import numpy as np
 from emcas_fmu.studies.campaign.run import by_dask, in_process, local_client
 from emcas_fmu.studies.campaign.sample import rows
 from emcas_fmu.studies.campaign.store import Store
-from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.studies.campaign.study import Campaign, load_study
 from emcas_fmu.support.files import models_directory
 from tests.campaign.conftest import BASIC
 
@@ -42,7 +42,7 @@ def nothing(*_: Any) -> dict[str, Any]:
 class Contest:
     """One campaign run in several ways."""
 
-    def __init__(self, study: Study, folder: Path) -> None:
+    def __init__(self, study: Campaign, folder: Path) -> None:
         self.study, self._folder, self._runs = study, folder, 0
         self.bytes = 0.0
 
@@ -88,7 +88,7 @@ def killing(client: Any) -> Callable[[Store], Callable[[Any], Any]]:
     return made
 
 
-def overhead(client: Any, study: Study) -> float:
+def overhead(client: Any, study: Campaign) -> float:
     """What Dask and this program take for a task [ms], drawing one sample included."""
     tasks = replace(study, samples=1000)
     missing = np.arange(tasks.samples)

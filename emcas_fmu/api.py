@@ -33,9 +33,9 @@ from .motions import STEP
 from .parameters import ParameterError, ParameterSet, load_parameters
 from .response import Response
 from .runtime import batch, compiled
-from .simulation import Array, Signal, simulate_fins, spread
+from .simulation import Array, InputSignal, simulate_fins, spread
 from .simulation import simulate as simulate_one
-from .studies.validate.validation import Result as Validation
+from .studies.validate.validation import Validation
 from .studies.validate.validation import validate as _validate
 from .support import extras
 from .support.arguments import brief, checked
@@ -46,7 +46,7 @@ from .variables import Variable
 if TYPE_CHECKING:
     from .studies.analysis.analyse import Analysis
     from .studies.identification.calibration import Calibration
-    from .studies.tuning.optimise import Result as Tuning
+    from .studies.tuning.optimise import Tuning
     from .studies.tuning.study import Study
 
 __all__ = ["Batch", "Built", "EmcasError", "Excitation", "ParameterError", "ParameterSet", "Response", "Validation",
@@ -63,7 +63,7 @@ _MOST = 100_000_000  # largest number of actuators (their outputs alone would ne
 @checked
 def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, excitation: Excitation | None = None, *,
              stop: float | str | None = None, step: float | str | None = None, kernel: str = "auto",
-             line: Mapping[str, float] | None = None, **inputs: Signal | str) -> Response:
+             line: Mapping[str, float] | None = None, **inputs: InputSignal | str) -> Response:
     """Simulate an actuator, or several fins on one supply, without an FMU.
 
     `parameters` is a parameter set, by default that of the default actuator. Several sets (see `fin_sets`) are those of
@@ -132,7 +132,7 @@ def _in(unit: str, value: float | str | None, default: float) -> float:
         raise EmcasError(f"{value!r} {error}") from error
 
 
-def _at_rest(stop: float, step: float, inputs: Mapping[str, Signal | str]) -> Excitation:
+def _at_rest(stop: float, step: float, inputs: Mapping[str, InputSignal | str]) -> Excitation:
     """Return an excitation with a command of 0 whose title lists `inputs`, which it does not contain yet."""
     if not (0.0 < step < float("inf") and 0.0 < stop < float("inf")):
         raise EmcasError(f"simulate: stop = {stop:g} s and step = {step:g} s must be above 0")
@@ -142,7 +142,7 @@ def _at_rest(stop: float, step: float, inputs: Mapping[str, Signal | str]) -> Ex
     return Excitation(title or "at rest", {COMMAND: np.zeros(round(stop / step) + 1)}, step=step)
 
 
-def _with_inputs(excitation: Excitation, inputs: Mapping[str, Signal | str], unit: FmuInterface) -> Excitation:
+def _with_inputs(excitation: Excitation, inputs: Mapping[str, InputSignal | str], unit: FmuInterface) -> Excitation:
     """Return an excitation with additional inputs; an input of one fin replaces the same input of all fins."""
     known = {v.name: v for v in (*unit.actuator.inputs, *unit.inputs)}
     columns = dict(excitation.columns)

@@ -1,7 +1,7 @@
 """The kinds of excitation: their fields, with units, limits and defaults, and their command and torque.
 
 Files, the explorer and the reference cases use these names, units and limits. Campaigns accept every kind that moves
-the command, baselines the kinds that jump or sweep, requirements those that jump. A new kind is an entry of KINDS.
+the command, baselines those that jump or sweep, requirements those that jump. A new kind is an entry of EXCITATIONS.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LOAD_RISE = 0.02  # s, time in which the torque rises; a jump would be an impact
 RATED = 100.0  # N.m, the load of the thesis's Table 2
 SWEEP = 0.5, 30.0  # Hz, first and last frequency
 FASTEST = 0.5 / STEP  # Hz, the highest frequency that rows can represent
-LONGEST = 300.0  # s, longest motion in a file: half a gigabyte of rows in a campaign
+LONGEST_MOTION = 300.0  # s, longest motion in a file: half a gigabyte of rows in a campaign
 OLD_WORDS: Mapping[str, str] = {"chirp": "sweep"}
 """Names of kinds in older files, with the present names."""
 
@@ -61,12 +61,12 @@ FIELDS: Mapping[str, Field] = {
     "low": Field("Hz", 1e-3, FASTEST, title="Lowest frequency", default=SWEEP[0]),
     "high": Field("Hz", 1e-3, FASTEST, title="Highest frequency", default=SWEEP[1]),
     "torque": Field("N.m", -1e6, 1e6, title="Torque on the hinge", default=0.0),
-    "duration": Field("s", 0.01, LONGEST, title="Duration"),
-    "settle": Field("s", STEP, LONGEST, title="Time at the starting end", default=SETTLE)}
+    "duration": Field("s", 0.01, LONGEST_MOTION, title="Duration"),
+    "settle": Field("s", STEP, LONGEST_MOTION, title="Time at the starting end", default=SETTLE)}
 """The fields of excitations. The amplitude is a fin angle; the duration counts from the beginning of the motion."""
 
 
-class Kind(NamedTuple):
+class ExcitationKind(NamedTuple):
     """A kind of excitation: its title, and a format of its description for the command's `size` [deg] and its fields.
 
     `share` computes the ratio of command to amplitude from times [s] since the beginning of the motion (negative before
@@ -133,20 +133,22 @@ def _sweep(since: Array, duration: float, low: float, high: float, **_: float) -
     return share
 
 
-KINDS: Mapping[str, Kind] = {
-    "step": Kind("Step", "step to {size:+.6g} deg", _begun, options=("torque",), rise=LOAD_RISE,
-                 usual={"amplitude": radians(10.0), "duration": 0.5}, jumps=True),
-    "slew": Kind("Slew, from − to +", "slew from {back:+.6g} to {size:+.6g} deg", _side, options=("torque", "settle"),
-                 rise=LOAD_RISE, usual={"amplitude": radians(20.0), "duration": 0.5}, jumps=True),
-    "load": Kind("Load step", "fin held at 0", lambda since, **_: np.zeros_like(since), options=("torque",), rise=0.0,
-                 usual={"torque": -RATED, "duration": 0.5}, moves=False),
-    "sine": Kind("Sine", "sine of {size:.6g} deg at {frequency:g} Hz", _sine, shape=("frequency",),
-                 usual={"amplitude": radians(1.0), "duration": 1.0}),
-    "sweep": Kind("Sweep", "sine sweep of {size:.6g} deg", _sweep, shape=("low", "high"),
-                  usual={"amplitude": radians(1.0), "duration": 12.0}, sweeps=True),
-    "hold": Kind("Hold", "hold at {size:+.6g} deg", lambda since, **_: np.ones_like(since)),
+EXCITATIONS: Mapping[str, ExcitationKind] = {
+    "step": ExcitationKind("Step", "step to {size:+.6g} deg", _begun, options=("torque",), rise=LOAD_RISE,
+                           usual={"amplitude": radians(10.0), "duration": 0.5}, jumps=True),
+    "slew": ExcitationKind(
+        "Slew, from − to +", "slew from {back:+.6g} to {size:+.6g} deg", _side, options=("torque", "settle"),
+        rise=LOAD_RISE, usual={"amplitude": radians(20.0), "duration": 0.5}, jumps=True),
+    "load": ExcitationKind(
+        "Load step", "fin held at 0", lambda since, **_: np.zeros_like(since), options=("torque",), rise=0.0,
+        usual={"torque": -RATED, "duration": 0.5}, moves=False),
+    "sine": ExcitationKind("Sine", "sine of {size:.6g} deg at {frequency:g} Hz", _sine, shape=("frequency",),
+                           usual={"amplitude": radians(1.0), "duration": 1.0}),
+    "sweep": ExcitationKind("Sweep", "sine sweep of {size:.6g} deg", _sweep, shape=("low", "high"),
+                            usual={"amplitude": radians(1.0), "duration": 12.0}, sweeps=True),
+    "hold": ExcitationKind("Hold", "hold at {size:+.6g} deg", lambda since, **_: np.ones_like(since)),
 }
-MOTIONS: Mapping[str, Kind] = {name: kind for name, kind in KINDS.items() if kind.moves}
+MOTIONS: Mapping[str, ExcitationKind] = {name: kind for name, kind in EXCITATIONS.items() if kind.moves}
 """The kinds that move the command."""
 
 

@@ -125,7 +125,7 @@ class Response:
         power = Run(self.excitation, {name: self.columns[name] for name in ("time", "supply_power")}, None, (), 0.0)
         return {lowest: by * float(np.min(self.columns[level.name])),
                 peak: times * float(np.max(np.abs(self.columns[current.name]))),
-                **metrics.displayed(metrics.usage(power))}
+                **metrics.displayed(metrics.usage_figures(power))}
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
@@ -160,9 +160,9 @@ class Response:
         return tuple(map(self._figures_of, self.fins))
 
     def _figures_of(self, run: Run) -> dict[str, float]:
-        motion = metrics.motion(run) if len(run.excitation.moves) == 1 else {}
+        motion = metrics.motion_figures(run) if len(run.excitation.moves) == 1 else {}
         return {**{f"{name}_final_deg": degrees(run.columns[name][-1]) for name in ("fin_angle", "tracking_error")},
-                **metrics.displayed({**metrics.usage(run), **motion}),
+                **metrics.displayed({**metrics.usage_figures(run), **motion}),
                 **{f"{v.name}_final": float(run.columns[v.name][-1]) for v in self.extension_outputs}}
 
     @cached_property
@@ -240,7 +240,7 @@ class Response:
 
         with style():
             estimated = {name.removesuffix("_final") for name in self.estimates}
-            plotted = draw(self.unit, self.excitation.title, self.fins, self.columns, panels(self.unit.kind),
+            plotted = draw(self.unit, self.excitation.title, self.fins, self.columns, panel_outputs(self.unit.kind),
                            estimated)
             if path is not None and Path(path).suffix == ".html":
                 self._write_page(plotted, Path(path))
@@ -309,7 +309,7 @@ def _history(v: Variable, time: Any, column: Any) -> str:
     return ", ".join([v.in_words(column[0]), *changes])
 
 
-def panels(model: str) -> list[list[Variable]]:
+def panel_outputs(model: str) -> list[list[Variable]]:
     """Return the outputs of each panel: the fin port's one by one, then the actuator's other Real outputs by unit."""
     aside = {v.name for v in (*fin_port.OUTPUTS, *extension_outputs(model))}
     by_unit: dict[tuple[str, float], list[Variable]] = {}

@@ -16,9 +16,7 @@ from .bench.conditions import ESTIMATE
 from .bench.excitation import COMMAND
 from .bench.runs import Columns, Run
 from .fmi.interface import FmuInterface
-from .plotting.plots import COLORS, legend, shade, time_axis
-from .plotting.plots import COMMAND as COMMAND_LINE
-from .plotting.plots import panels as grid_of
+from .plotting.plots import COLORS, COMMAND_STYLE, legend, panel_grid, shade, time_axis
 from .variables import Variable
 
 _LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # styles of outputs in a panel, for several fins
@@ -36,12 +34,12 @@ def draw(unit: FmuInterface, title: str, fins: Sequence[Run], columns: Columns,
     time = columns["time"] * unit_of_time
     extensions = extension_outputs(unit.kind)
     shared = unit.line.outputs if unit.line else ()
-    plotted, grid = grid_of(len(panels) + len(shared) + len(extensions), 2, (
+    plotted, grid = panel_grid(len(panels) + len(shared) + len(extensions), 2, (
         f"{label} (shaded: a limit {'of any fin ' * (len(fins) > 1)}is active)"), width=10.0, sharex=True)
     first, remaining = grid[0], iter(grid)
     commands = [run.excitation.command for run in fins if COMMAND in run.excitation.columns]
     for command in commands:
-        first.step(time, np.degrees(command), where="post", label="command", **COMMAND_LINE)
+        first.step(time, np.degrees(command), where="post", label="command", **COMMAND_STYLE)
     for panel, axes in zip(panels, remaining, strict=False):
         _draw_panel(axes, panel, time, fins)
     first.set_title(title)

@@ -21,7 +21,7 @@ from .variables import Variable
 T = TypeVar("T")
 
 Array = NDArray[Any]
-Signal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
+InputSignal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
 KERNELS = ("auto", "compiled", "python")
 LONGEST_DIAGNOSIS = 2.0  # s, simulated again in plain Python, in up to 20 s, to find the faulty line of a file
 _UNCHOSEN = ("; Python raises it also for the value that ops.where does not choose: choose the divisor, or the "
@@ -30,7 +30,7 @@ MOST_POINTS = 10_000_000  # outputs at more points would not fit into memory
 
 
 def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel: str = "auto",
-             model: str = NONLINEAR, **inputs: Signal) -> dict[str, Array]:
+             model: str = NONLINEAR, **inputs: InputSignal) -> dict[str, Array]:
     """Return ``time`` [s] and the outputs [SI] of an actuator by name: arrays from 0 to `stop` [s] every `step` [s].
 
     `values` are the parameters of the `model` (:mod:`emcas_fmu.actuators`) by name, SI. Keywords are names of inputs
@@ -49,7 +49,7 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
 
 
 def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 1e-3, model: str = NONLINEAR,
-                  line: Mapping[str, float] | None = None, **inputs: Signal) -> dict[str, Array]:
+                  line: Mapping[str, float] | None = None, **inputs: InputSignal) -> dict[str, Array]:
     """Return ``time`` [s] and the outputs [SI] of several fins on one supply line, by the names of a multi-fin FMU.
 
     The steps are computed in Python, slower than by `simulate`. `sets` are the parameters of each fin; `line` changes
@@ -97,7 +97,7 @@ def _fins_by_python(unit: FmuInterface, cores: MultiFin, table: Array, step: flo
         if k:
             rows[k] = cores.run(k * step, acting)
         fins = [[row[i] for i in indices] for indices in unit.fin_inputs]
-        acting = cores.acting(fins, cores.motion_loads(*fins[0][codegen.MOTION]), [row[i] for i in mixing])
+        acting = cores.acting(fins, cores.motion_loads(*fins[0][codegen.MOTION_SLICE]), [row[i] for i in mixing])
         if not k:
             rows[k] = cores.outputs(acting)
     return rows
@@ -115,7 +115,7 @@ def spread(inputs: Mapping[str, T], unit: FmuInterface) -> dict[str, T]:
 
 
 def _table(variables: Sequence[Variable], starts: Sequence[Any], stop: float, step: float,
-           inputs: Mapping[str, Signal]) -> Array:
+           inputs: Mapping[str, InputSignal]) -> Array:
     """Return an array [points, inputs] of the inputs at the communication points; others keep their start values."""
     if not (0.0 < step < np.inf and step * 0.5 <= stop <= MOST_POINTS * step):
         raise ValueError(f"from 0 to {stop} s every {step} s: both must be above 0, with 1 to {MOST_POINTS:g} steps")
@@ -176,7 +176,7 @@ def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None
 
 def _by_python(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], model: str, held: int,
                fine: Collection[str], spring: Array | float,
-               bind: Callable[..., Functions] = codegen.bound) -> compiled.Tables:
+               bind: Callable[..., Functions] = codegen.bound_functions) -> compiled.Tables:
     actuator = get(model)
     index = {v.name: i for i, v in enumerate(actuator.outputs)}
     count, rows, points = compiled.table_shape(sets, inputs, model, held)

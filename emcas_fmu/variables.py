@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from math import inf
 from typing import Any, Literal
 
-Kind = Literal["Real", "Integer", "Boolean", "Enumeration", "Clock"]
+VariableType = Literal["Real", "Integer", "Boolean", "Enumeration", "Clock"]
 Causality = Literal["input", "output", "parameter", "independent"]
 Variability = Literal["continuous", "discrete", "fixed", "tunable"]
 
@@ -34,7 +34,7 @@ class Variable:
     """
 
     name: str
-    kind: Kind
+    kind: VariableType
     causality: Causality
     variability: Variability
     unit: str

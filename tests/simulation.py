@@ -72,7 +72,7 @@ class RampedCore(Core):
 
 def ramped_core(values: Mapping[str, Any], model: str = NONLINEAR) -> RampedCore:
     """Return a core at its start, whose inputs may ramp."""
-    return RampedCore(codegen.bound(values, model), codegen.sizes(get(model)))
+    return RampedCore(codegen.bound_functions(values, model), codegen.sizes(get(model)))
 
 
 class CompiledCore:
@@ -86,7 +86,7 @@ class CompiledCore:
         command, load, *motion_loads = inputs[:1 + len(LOADS)]
         supply, *others = inputs[1 + len(LOADS):]
         assert not any(motion_loads)
-        row = (command, load, *(0.0 for _ in fin_port.MOTION), *([supply] if self._supplied else ()), *others)
+        row = (command, load, *(0.0 for _ in fin_port.VEHICLE_MOTION), *([supply] if self._supplied else ()), *others)
         for index, value in enumerate(row):
             self._batch.hold(index, value)
         return tuple(self._batch.run(end)[:, 0].tolist())

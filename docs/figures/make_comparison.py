@@ -21,16 +21,16 @@ from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation, slew_to, step_to, sweep
 from emcas_fmu.bench.frequency_response import FrequencyResponse, sweep_response
 from emcas_fmu.bench.measure import Test, measure
-from emcas_fmu.bench.metrics import motion
+from emcas_fmu.bench.metrics import motion_figures
 from emcas_fmu.bench.runs import Run
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.extensions.fault_list import possible
 from emcas_fmu.pages.numbers import with_unit
-from emcas_fmu.parameters import load_parameters
+from emcas_fmu.parameters import Scalar, load_parameters
 from emcas_fmu.plotting import plots
 from emcas_fmu.studies.compare import sets
 from emcas_fmu.studies.report import mission, stiffness
-from emcas_fmu.studies.report.outcome import Rig, Value
+from emcas_fmu.studies.report.outcome import Rig
 
 KINDS = {NONLINEAR: "ball screw", "worm-gear": "worm gear", "clutch": "clutch, dual", "series-clutch": "clutch, series",
          "electrohydrostatic": "electrohydrostatic", "electrohydraulic": "electrohydraulic"}
@@ -69,7 +69,7 @@ class Kind:
 
     def step(self, size: float) -> Mapping[str, float]:
         """Return the figures of a step [deg]."""
-        return motion(self.run(step_to(radians(size), 0.6)), -1)
+        return motion_figures(self.run(step_to(radians(size), 0.6)), -1)
 
     @cached_property
     def response(self) -> FrequencyResponse:
@@ -89,7 +89,7 @@ class Kind:
 
     def rate(self, load: float) -> float:
         """Return the mean rate [deg/s] of a slew from -20 to 20 deg under a load [N.m] along it; nan if it stalls."""
-        return degrees(motion(self.run(slew_to(radians(20.0), 1.0, load)), -1)["sustained_rate"])
+        return degrees(motion_figures(self.run(slew_to(radians(20.0), 1.0, load)), -1)["sustained_rate"])
 
     def ramp(self, load: float, output: str = "supply_power") -> float:
         """Return the mean of an output, by default supply power [W], between -10 and 10 deg of a ramp of 100 deg/s.
@@ -128,12 +128,12 @@ class Kind:
         return float(np.mean(columns["supply_power"][columns["time"] > self.holding.excitation.begin + _SETTLED]))
 
     @cached_property
-    def mission(self) -> Mapping[str, Value]:
+    def mission(self) -> Mapping[str, Scalar]:
         """Figures of the synthetic mission profile of `emcas report`."""
         return mission.measure(self.rig).figures["synthetic"]
 
     @cached_property
-    def stiffness(self) -> Mapping[str, Mapping[str, Value]]:
+    def stiffness(self) -> Mapping[str, Mapping[str, Scalar]]:
         """Figures of the dynamic stiffness of `emcas report`."""
         return stiffness.measure(self.rig).figures
 

@@ -15,7 +15,7 @@ from make_tables import main, markdown
 
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import files
-from emcas_fmu.reference.cases import CASES, Case
+from emcas_fmu.reference.cases import CASES, ReferenceCase
 from emcas_fmu.simulation import simulate
 from emcas_fmu.support.files import models_directory
 
@@ -32,7 +32,7 @@ ROWS = {  # rows of the table, with their reference cases
 RUNS, DURATION = 120, 0.4  # number of random runs, and the duration of each [s]
 
 
-def _angle(case: Case, **parameters: Any) -> np.ndarray:
+def _angle(case: ReferenceCase, **parameters: Any) -> np.ndarray:
     """Return the fin angle [mdeg] at the rows of a case."""
     inputs = case.inputs()
     signals: dict[str, Any] = {name: column for name, column in inputs.items() if name != "time"}

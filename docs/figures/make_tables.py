@@ -21,7 +21,7 @@ from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, capabilities, get,
 from emcas_fmu.actuators.supply_line import BUS
 from emcas_fmu.bench.excitation import Excitation, reference_case
 from emcas_fmu.bench.linear.actuator import LOOPS as LINEAR_LOOPS
-from emcas_fmu.bench.measure import KINDS as TESTS
+from emcas_fmu.bench.measure import TESTS
 from emcas_fmu.bench.metrics import FIGURES
 from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.bench.subject import ParameterSubject

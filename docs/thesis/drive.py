@@ -88,7 +88,7 @@ def current_loop(runs: Runs) -> Shown:
         rows.append((label, *gains, 1e3 * p.motor.inductance / (p.motor.resistance + gains[0]), 100.0 * share,
                      (p.motor.resistance + gains[0]) / gains[1] if gains[1] else None))
     return Shown(_HELD.format(f"step to {level:g} V at {1e3 * begin:g} ms"), panels([Panel("motor current [A]", [
-        Line(1e3 * time, demanded, "reference", plots.COMMAND), *lines])], "time [ms]"),
+        Line(1e3 * time, demanded, "reference", plots.COMMAND_STYLE), *lines])], "time [ms]"),
         f"The step arrives after the transport delay of {1e3 * delay:.3g} ms.",
         Table(("", "kp [V/A]", "ki [V/(A.s)]", "time constant [ms]", "reached at once [%]", "rest closes in [s]"),
               rows),

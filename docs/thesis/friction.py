@@ -48,7 +48,7 @@ def _coulomb(runs: Runs, temperature: float, direction: int, fin: Any) -> Any:
 def sweep(runs: Runs, rpm: int, temperature: float) -> Shown:
     """Show speed and current of the rig's motor (Figures 3.14 to 3.23); if slow, also the fin angle (3.28, 3.30)."""
     s = runs.friction(rpm, temperature)
-    parts = [Panel("speed [rpm]", [Line(s.time, s.commanded / RPM, "command", plots.COMMAND),
+    parts = [Panel("speed [rpm]", [Line(s.time, s.commanded / RPM, "command", plots.COMMAND_STYLE),
                                    Line(s.time, s.motor_speed / RPM, "rig's motor")]),
              Panel("current [A]", [Line(s.time, s.current)])]
     if rpm == SLOW:

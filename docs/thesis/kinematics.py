@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from emcas_fmu.bench.excitation import sine_from_rest, step_to
-from emcas_fmu.bench.metrics import motion
+from emcas_fmu.bench.metrics import motion_figures
 from emcas_fmu.control import sensors
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.ops.arrays import ARRAYS
@@ -34,7 +34,7 @@ def assembly(runs: Runs) -> Shown:
     p, reach = runs.parameters.nested(), runs.reach
     rates = []
     for mounted in ASSEMBLY:
-        both = [motion(runs.run(step_to(side * reach, 1.0), kinematics__initial_angle=radians(mounted)))
+        both = [motion_figures(runs.run(step_to(side * reach, 1.0), kinematics__initial_angle=radians(mounted)))
                 for side in (1.0, -1.0)]
         rates.append((mounted, *(degrees(each["sustained_rate"]) for each in both)))
     figure, ((lever, rate),) = plots.figure(1, 2, height=3.0)

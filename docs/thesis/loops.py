@@ -10,7 +10,7 @@ import numpy as np
 
 from emcas_fmu.bench.excitation import COMMAND, HOLD, Excitation, sine_from_rest, slew_to, step_to
 from emcas_fmu.bench.frequency_response import of_ratio
-from emcas_fmu.bench.metrics import FIGURES, displayed, motion, rest, shown, usage
+from emcas_fmu.bench.metrics import FIGURES, displayed, motion_figures, rest_figures, shown, usage_figures
 from emcas_fmu.extensions.status import STATUS
 from emcas_fmu.motions import RATED
 from emcas_fmu.plotting import plots
@@ -43,7 +43,7 @@ def linear_model(runs: Runs) -> Shown:
     held = {}
     plain = {"controller__position__ki": 0.0, "controller__position__setpoint_weight": 1.0}
     for name, gains in (("P", plain), ("PI", {})):
-        held[name] = degrees(float(rest(runs.run(step_to(0.0, HOLD, RATED), **gains))["steady_error"]))
+        held[name] = degrees(float(rest_figures(runs.run(step_to(0.0, HOLD, RATED), **gains))["steady_error"]))
     rows = (("-3 dB [Hz]", response.bandwidth), ("-90 deg [Hz]", response.phase_bandwidth),
             *((f"steady error under {RATED:g} N.m after {HOLD:g} s, {name} position control [deg]", error)
               for name, error in held.items()))
@@ -84,7 +84,7 @@ def antiwindup(runs: Runs) -> Shown:
     responses = {"as set": runs.run(excitation), "none": off}
     rows = []
     for name, run in responses.items():
-        moved = displayed(motion(run, 1))
+        moved = displayed(motion_figures(run, 1))
         rows.append((name, moved["overshoot_percent"], moved["settling_time_s"], moved["time_to_accuracy_s"],
                      float(np.trapezoid(run.columns["at_stop"], run.columns["time"]))))
     as_set = responses["as set"]
@@ -110,7 +110,7 @@ def compensation(runs: Runs) -> Shown:
     for temperature in (WARM, COLD):
         for name, gain in pairs.items():
             run = runs.run(excitation, friction__temperature=temperature, **gain)
-            figures = displayed(usage(run))
+            figures = displayed(usage_figures(run))
             rows.append((f"{temperature:g} °C, {name}", figures["rms_tracking_error_deg"],
                          figures["peak_tracking_error_deg"], figures["rms_current_a"]))
             error = Line(run.columns["time"], np.degrees(run.columns["tracking_error"]), f"{temperature:g} °C, {name}")

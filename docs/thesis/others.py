@@ -7,7 +7,7 @@ from math import radians
 
 from emcas_fmu.actuators import NONLINEAR
 from emcas_fmu.bench.excitation import LOAD, step_to
-from emcas_fmu.bench.metrics import displayed, motion
+from emcas_fmu.bench.metrics import displayed, motion_figures
 from emcas_fmu.motions import RATED
 
 from .entry import Show, Shown, Table
@@ -61,7 +61,7 @@ def _beside(others: Mapping[str, str], caption: str, unknown: str) -> Show:
         responses = {name: runs.of(each).run(step_to(radians(size), 0.5)) for name, each in models.items()}
         for run in responses.values():
             run.finished()
-        rows = [(name, *(displayed(motion(run))[key] for key in _FIGURES)) for name, run in responses.items()]
+        rows = [(name, *(displayed(motion_figures(run))[key] for key in _FIGURES)) for name, run in responses.items()]
         return Shown(runs.conditions(f"step to {size:g}°"), panels([
             Panel("fin angle [deg]", [command_of(responses[_THESIS]),
                                       *(angle(run.columns, name) for name, run in responses.items())]),

@@ -8,7 +8,7 @@ import numpy as np
 
 from emcas_fmu.bench.excitation import step_to
 from emcas_fmu.bench.frequency_response import SWEPT, sweep_response
-from emcas_fmu.bench.metrics import displayed, motion, rms
+from emcas_fmu.bench.metrics import displayed, motion_figures, rms
 from emcas_fmu.bench.requirements import Specification, load_requirements
 from emcas_fmu.bench.verdict import judge
 from emcas_fmu.plotting import plots
@@ -37,7 +37,7 @@ def steps(runs: Runs) -> Shown:
             run = runs.run(step_to(radians(sign * size), 0.5))
             commands.append(command_of(run)._replace(label="command" if not commands else ""))
             lines.append(angle(run.columns, f"±{size:g}°" if sign > 0.0 else "", color=color))
-            moved = displayed(motion(run))
+            moved = displayed(motion_figures(run))
             rows.append((f"{sign * size:+g}°", *(moved[key] for key in _MOTION)))
     listed = ", ".join(f"±{size:g}" for size in sizes)
     return Shown(runs.conditions(f"steps to {listed}° at 0.05 s"),
@@ -53,7 +53,7 @@ def step_rate(runs: Runs) -> Shown:
     for sign in (1.0, -1.0):
         run = runs.run(step_to(sign * runs.reach, 0.5))
         lines.append(rate(run.columns, f"{sign * size:+g}°"))
-        moved = displayed(motion(run))
+        moved = displayed(motion_figures(run))
         rows.append((f"{sign * size:+g}°", moved["peak_rate_deg_per_s"], moved["sustained_rate_deg_per_s"]))
     return Shown(runs.conditions(f"steps to ±{size:g}° at 0.05 s"),
                  panels([Panel("fin rate [deg/s]", lines, (_RATE, -_RATE))], "time [s]", (0.03, 0.3)),

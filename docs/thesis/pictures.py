@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from emcas_fmu.bench.runs import Run
 from emcas_fmu.plotting import plots
-from emcas_fmu.plotting.plots import COMMAND
+from emcas_fmu.plotting.plots import COMMAND_STYLE
 
 from .rigs import Columns
 
@@ -68,7 +68,7 @@ def _draw(axes: Axes, panel: Panel, x_range: tuple[float, float] | None) -> None
 
 def command(time: Any, asked: Any) -> Line:
     """Return a command [rad] over time [s] as a line with steps, in degrees."""
-    return Line(time, np.degrees(asked), "command", {**COMMAND, "drawstyle": "steps-post"})
+    return Line(time, np.degrees(asked), "command", {**COMMAND_STYLE, "drawstyle": "steps-post"})
 
 
 def command_of(run: Run) -> Line:

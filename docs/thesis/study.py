@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from emcas_fmu.bench.subject import Identification
+from emcas_fmu.bench.subject import Identity
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.plotting.plots import Picture, picture, style
 from emcas_fmu.support.progress import Progress, silent
@@ -42,7 +42,7 @@ class Outcome:
 class Result:
     """The outcomes of the selected entries, in the order of the lists, and their parameter set."""
 
-    about: Identification
+    about: Identity
     outcomes: tuple[Outcome, ...]
 
     @property

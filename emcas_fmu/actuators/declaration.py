@@ -33,7 +33,7 @@ from math import ceil, floor, inf, log10
 from pathlib import Path
 from typing import Any
 
-from ..control import command as bus
+from ..control import command_bus
 from ..control.trajectory import Ahead, Motion
 from ..errors import EmcasError, hint
 from ..namespace import Record, namespace
@@ -62,7 +62,7 @@ Parameters = Any
 
 
 _NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(\[\d+\])?", re.ASCII)
-_BUS = tuple(map(State, bus.STATES))
+_BUS = tuple(map(State, command_bus.STATES))
 
 
 def _no_step(ops: Ops, p: Parameters, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
@@ -313,7 +313,7 @@ class Actuator:
         names = self._state_names
         values = complete(self.initial, self.initial(ops, p, at), (), ("measured_fin_angle", *names))
         fin = dict.fromkeys(("measured_fin_angle", *({"fin_angle"} & set(names))), at.fin_angle)
-        return {**dict.fromkeys(names, 0.0), **bus.start(ops, p, at.fin_angle), **fin, **values}
+        return {**dict.fromkeys(names, 0.0), **command_bus.start(ops, p, at.fin_angle), **fin, **values}
 
     @cached_property
     def _state_names(self) -> tuple[str, ...]:
@@ -333,10 +333,11 @@ class Actuator:
     def commanded(self, ops: Ops, p: Parameters, x: Record, inputs: SampleInputs) -> dict[str, Value]:
         """Return the results of :meth:`sampled`, in SI, for the command that the bus delivers, and the bus's states.
 
-        `inputs.command` [rad] is that before the bus (:mod:`emcas_fmu.control.command`).
+        `inputs.command` [rad] is that before the bus (:mod:`emcas_fmu.control.command_bus`).
         """
-        command, *after = bus.delivered(ops, p, inputs.command, *(getattr(x, name) for name in bus.STATES))
-        return {**self.sampled(ops, p, x, inputs.replace(command=command)), **dict(zip(bus.STATES, after, strict=True))}
+        names = command_bus.STATES
+        command, *after = command_bus.delivered(ops, p, inputs.command, *(getattr(x, name) for name in names))
+        return {**self.sampled(ops, p, x, inputs.replace(command=command)), **dict(zip(names, after, strict=True))}
 
     def sampled(self, ops: Ops, p: Parameters, x: Record, inputs: SampleInputs) -> dict[str, Value]:
         """Return the results of a sample by name, in SI; `inputs.command` [rad] is that after the bus.

@@ -18,7 +18,7 @@ from typing import Any
 
 from ..errors import EmcasError, declared_in, location
 from ..support.bounded import Endless, bounded
-from ..support.progress import warn
+from ..support.progress import announce
 from ..units import UnitError, to_base
 from . import EXTENSIONS, NAMES
 from .declaration import Actuator
@@ -27,7 +27,7 @@ GROUP = "emcas.actuators"
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_-]*")
 _TURN = radians(360.1)  # a limit above a full turn looks like degrees
 # Longest time [s] for importing a file, or for calling one of its functions with symbols; usually less than a second.
-LONGEST = 60.0
+LONGEST_IMPORT = 60.0
 # Remedies for errors of Python and NumPy about a traced value. Each pattern is searched in "MESSAGE | LINE", where LINE
 # is the line of the user's file.
 _REMEDIES = tuple((re.compile(pattern), remedy) for pattern, remedy in (
@@ -58,7 +58,7 @@ def installed() -> Mapping[str, EntryPoint]:
 def load_module(path: Path) -> ModuleType:
     """Import a Python file, which may import modules beside it, and return its module.
 
-    Raises EmcasError with file and line if the import fails or takes more than LONGEST.
+    Raises EmcasError with file and line if the import fails or takes more than LONGEST_IMPORT.
     """
     name = f"emcas_file_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path)
@@ -68,7 +68,7 @@ def load_module(path: Path) -> ModuleType:
     sys.modules[name], imported_before = module, set(sys.modules)
     sys.path.insert(0, str(path.parent))
     try:
-        with bounded(LONGEST):
+        with bounded(LONGEST_IMPORT):
             spec.loader.exec_module(module)
     except (Exception, Endless) as error:
         del sys.modules[name]
@@ -130,8 +130,8 @@ def _check_units(actuator: Actuator, source: Path) -> None:
                              f"equations compute; declare the SI unit (display={unit!r} shows a variable in {unit})")
     for v in actuator.parameters:
         if v.unit == "rad" and _TURN < (limit := max(-v.minimum, v.maximum)) < inf:
-            warn(f"{declared_in(source, v.name)}: {v.name} may be up to {limit:g} rad, {degrees(limit):.4g} deg; if "
-                 f"{limit:g} deg is meant, write radians({limit:g})")
+            announce(f"{declared_in(source, v.name)}: {v.name} may be up to {limit:g} rad, {degrees(limit):.4g} deg; "
+                     f"if {limit:g} deg is meant, write radians({limit:g})")
 
 
 def of_function(actuator: Actuator, name: str) -> str:
@@ -151,8 +151,8 @@ def refusal(error: BaseException, path: Path) -> EmcasError:
         number = error.lineno
     what = str(error) if isinstance(error, EmcasError) else f"{type(error).__name__}: {error}"
     if isinstance(error, Endless):
-        what = (f"{frames[-1].name if frames else 'the file'} has not ended in {LONGEST:g} s; a loop needs a fixed "
-                "end, as in for i in range(10)")
+        what = (f"{frames[-1].name if frames else 'the file'} has not ended in {LONGEST_IMPORT:g} s; a loop needs a "
+                "fixed end, as in for i in range(10)")
     if isinstance(error, (TypeError, IndexError)):
         found = ((match, remedy) for pattern, remedy in _REMEDIES if (match := pattern.search(f"{error} | {line}")))
         what += next((f"; {match.expand(remedy)}" for match, remedy in found), "")

@@ -12,7 +12,7 @@ from dataclasses import replace
 from math import radians
 from typing import Any
 
-from ..control import command as bus
+from ..control import command_bus
 from ..control.controllers import clipped_command as clipped_command
 from ..namespace import Record
 from ..ops.base import Ops, Value
@@ -24,7 +24,7 @@ Equation = Callable[[Ops, Any, Record], Value]
 
 # -- inputs ------------------------------------------------------------------------
 
-MOTION = (
+VEHICLE_MOTION = (
     real_input("acceleration.x", "m/s2",
                "vehicle acceleration along body x (forward), at the point from which mounting.station is measured",
                nominal=10.0),
@@ -97,7 +97,7 @@ PARAMETERS = (
     parameter("mounting.station", "m", -100.0, 100.0,
               "position of the hinge along body x, from the point of the acceleration inputs"),
     parameter("command.latency", "s", 0.0, 2.0, "delay of the command before the controllers, rounded to whole sample "
-              f"times, at most {bus.LONGEST} of them",
+              f"times, at most {command_bus.LONGEST_LATENCY} of them",
               sheet="specification: delay of the command on the data bus", display="ms"),
     parameter("command.resolution", "rad", 0.0, radians(10), "resolution to which the command is rounded (0: not "
               "rounded)"),
@@ -113,10 +113,10 @@ TERMINALS = (
     Terminal("hinge", "the fin's shaft: moment in, motion out",
              ("aero_torque", "hinge_angle", "hinge_rate", "fin_angle", "fin_rate", "hinge_torque", "actuator_torque",
               "armature")),
-    Terminal("vehicle", "motion of the vehicle, for gravity and inertia", tuple(v.name for v in MOTION)),
+    Terminal("vehicle", "motion of the vehicle, for gravity and inertia", tuple(v.name for v in VEHICLE_MOTION)),
 )
 
-_AT = 1.0 - 1e-12  # share of the stop angle from which the fin is at the stop, despite rounding
+AT_LIMIT = 1.0 - 1e-12  # share of a limit from which a value is at the limit, despite rounding
 LONGEST_DELAY = 64  # longest transport delay in sample times
 MOST_TICKS = 20_000  # largest number of ticks in a sample time; more would take seconds to compute
 
@@ -133,7 +133,7 @@ def transport_delay(ops: Ops, p: Any) -> Value:
 
 def inputs(supply: Variable | None = None, further: tuple[Variable, ...] = ()) -> tuple[Variable, ...]:
     """Return the inputs of an actuator: the port's, its `supply`, if any, and its `further` inputs."""
-    return (COMMAND, AERO_TORQUE, *MOTION, *(() if supply is None else (supply,)), ENABLE, *further)
+    return (COMMAND, AERO_TORQUE, *VEHICLE_MOTION, *(() if supply is None else (supply,)), ENABLE, *further)
 
 
 # -- equations ---------------------------------------------------------------------
@@ -182,7 +182,7 @@ def mixed_command(ops: Ops, p: Any, command: Value, roll: Value, pitch: Value, y
 
 def stop_edge(p: Any) -> Value:
     """Return the absolute fin angle [rad] from which the fin is at a mechanical stop."""
-    return p.fin.stop_angle * _AT
+    return p.fin.stop_angle * AT_LIMIT
 
 
 def hinge_inertia(p: Any) -> Value:
@@ -223,10 +223,10 @@ def _start(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, ops.fabs(start) > stop * (1.0 + SLACK)), start, in_degrees(start), stop, in_degrees(stop)
 
 
-@rule(f"command.latency = %.6g s must be at most {bus.LONGEST} times controller.sample_time = %.6g s")
+@rule(f"command.latency = %.6g s must be at most {command_bus.LONGEST_LATENCY} times controller.sample_time = %.6g s")
 def _latency(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     latency, period = p.command.latency, p.controller.sample_time
-    return when(ops, latency > bus.LONGEST * period * (1.0 + SLACK)), latency, period
+    return when(ops, latency > command_bus.LONGEST_LATENCY * period * (1.0 + SLACK)), latency, period
 
 
 RULES = (_travel, _room, _start, _latency)

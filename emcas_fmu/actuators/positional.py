@@ -92,7 +92,7 @@ def functions(actuator: Actuator) -> tuple[Function, ...]:
         ("initial", (), initial),
         ("sample", (*plant, *controllers, *sampled, "command", "supply", "enable",
                     *identifiers(actuator.further_inputs)), sample),
-        ("motion_loads", identifiers(fin_port.MOTION), motion_loads),
+        ("motion_loads", identifiers(fin_port.VEHICLE_MOTION), motion_loads),
         ("step", (*plant, *sampled, "active", *step_inputs, "h"), step),
         ("outputs", (*plant, "active", "reference", "measured", "limited", *sampled, "command", *step_inputs), outputs),
     )

@@ -25,14 +25,6 @@ WITHOUT_EFFECT: Mapping[str, Any] = {
 """Parameters of the shared equations that an actuator need not have, with values that have no effect."""
 
 
-def completed(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `values`, in SI by flat names such as ``a.b[0]``, completed by values WITHOUT_EFFECT."""
-    flat = {name: value for name, value in WITHOUT_EFFECT.items() if not isinstance(value, tuple)}
-    arrays = {f"{name}[{i}]": each for name, value in WITHOUT_EFFECT.items() if isinstance(value, tuple)
-              for i, each in enumerate(value)}
-    return {**flat, **arrays, **values}
-
-
 class AsDeclared:
     """The parameters that an actuator declares, completed by values WITHOUT_EFFECT if it has shared equations.
 

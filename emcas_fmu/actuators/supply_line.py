@@ -23,7 +23,7 @@ from ..variables import Variable, parameter, real_input, real_output
 
 
 @dataclass(frozen=True)
-class Line:
+class SupplyLine:
     """A kind of line: its parameters, outputs and equations for several actuators.
 
     `level(ops, source, *states)` returns the voltage [V] or pressure [Pa] at the actuators; `following(ops, p, source,
@@ -76,7 +76,7 @@ def fed_through_resistance(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, unused), charge, capacitance
 
 
-BUS = Line(
+BUS = SupplyLine(
     name="bus",
     group="bus",
     supply="electrical supply",
@@ -112,7 +112,7 @@ BUS = Line(
     equations=bus,
     rules=(used_within_charge, fed_through_resistance),
 )
-PRESSURE_LINE = Line(
+PRESSURE_LINE = SupplyLine(
     name="pressure line",
     group="line",
     supply="hydraulic supply",
@@ -144,7 +144,7 @@ PRESSURE_LINE = Line(
         ops, p, source, states[0], flow),),
     equations=pressure_line,
 )
-LINES: Mapping[str, Line] = {"V": BUS, "Pa": PRESSURE_LINE}
+LINES: Mapping[str, SupplyLine] = {"V": BUS, "Pa": PRESSURE_LINE}
 """The kinds of line by the unit of the supply's input."""
 
 
@@ -201,6 +201,6 @@ class Supply:
         return self.inverse_inductance(ops, p, *third)
 
     @property
-    def line(self) -> Line:
+    def line(self) -> SupplyLine:
         """The kind of line that may feed several of these actuators."""
         return LINES[self.input.unit]

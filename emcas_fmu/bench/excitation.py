@@ -20,8 +20,8 @@ import numpy as np
 from ..actuators import NONLINEAR, get
 from ..errors import ArgumentError, EmcasError, unreadable
 from ..fmi.interface import FmuInterface
-from ..motions import FASTEST, KINDS, LEAD_IN, SETTLE, STEP, SWEEP
-from ..reference.cases import CASES, SUPPLY, select, with_supply
+from ..motions import EXCITATIONS, FASTEST, LEAD_IN, SETTLE, STEP, SWEEP
+from ..reference.cases import CASES, SUPPLY_START, select, with_supply
 from ..simulation import MOST_POINTS, Array
 from ..support.arguments import brief, checked
 
@@ -137,17 +137,17 @@ def _above_zero(name: str, value: float | Array, limit: float = inf) -> None:
 @checked
 def motion(kind: str, amplitude: float, duration: float, torque: float = 0.0, settle: float = SETTLE,
            step: float = STEP, first: float | None = 0.0, **frequencies: float) -> Excitation:
-    """Return the excitation of a kind of `motions.KINDS`, with rows until `duration` [s] after its beginning.
+    """Return the excitation of a kind of `motions.EXCITATIONS`, with rows until `duration` [s] after its beginning.
 
     `amplitude` [rad] is that of the command, `torque` [N.m] acts about the hinge, and a slew is `settle` [s] at its
     starting end. Its command in the `first` row [rad] is 0, with None that of the starting end. The kind's
     `frequencies` [Hz] are those of FIELDS by default. Raises ArgumentError for an unknown kind or frequency, and for a
     value out of its range.
     """
-    if kind not in KINDS or not {*KINDS[kind].shape}.issuperset(frequencies):
-        known = "; ".join(" ".join((name, *each.shape)) for name, each in KINDS.items())
+    if kind not in EXCITATIONS or not {*EXCITATIONS[kind].shape}.issuperset(frequencies):
+        known = "; ".join(" ".join((name, *each.shape)) for name, each in EXCITATIONS.items())
         raise ArgumentError(f"{' '.join((kind, *frequencies))}: kinds with their frequencies are {known}")
-    each = KINDS[kind]
+    each = EXCITATIONS[kind]
     fields = {**each.defaults, **frequencies}
     for name, value in fields.items():
         _above_zero(name, value, FASTEST)
@@ -238,7 +238,7 @@ def staircase(levels: Sequence[float], holds: Sequence[float], step: float = STE
 
 
 @checked
-def reference_case(name: str, exact: bool = True, supply: float = SUPPLY) -> Excitation:
+def reference_case(name: str, exact: bool = True, supply: float = SUPPLY_START) -> Excitation:
     """Return a reference case by name, for an actuator whose supply is `supply` [V] at the start.
 
     With `exact` the true angle and speed are fed back, for a comparison of trajectories, otherwise those of the

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..fmi.interface import FINS
 
-_KINDS = {"Real": "Real", "Integer": "Integer", "String": "String", "Boolean": "Boolean", "Enumeration": "Integer",
+_TYPES = {"Real": "Real", "Integer": "Integer", "String": "String", "Boolean": "Boolean", "Enumeration": "Integer",
           "Float64": "Real", "Int32": "Integer", "UInt32": "Integer"}
 _ACCESS = {"Enumeration": "Int64"}
 
@@ -42,7 +42,7 @@ def elements(description: Any, structured: Mapping[str, str]) -> tuple[Element, 
 
     `structured` maps the names of variables with flat names to structured names.
     """
-    return tuple(e for v in description.modelVariables if v.causality != "independent" and v.type in _KINDS
+    return tuple(e for v in description.modelVariables if v.causality != "independent" and v.type in _TYPES
                  for e in _elements(v, structured.get(v.name, v.name)))
 
 
@@ -55,7 +55,7 @@ def _elements(v: Any, structured: str) -> Iterator[Element]:
         names = [f"{name}[{k}]" for name in names for k in range(size)]
     starts = [v.start] * len(names) if v.start is None or not v.dimensions else str(v.start).split()
     for k, (name, start) in enumerate(zip(names, starts, strict=True)):
-        yield Element(name, v.type, _KINDS[v.type], v.causality, start, int(v.valueReference), k, len(names),
+        yield Element(name, v.type, _TYPES[v.type], v.causality, start, int(v.valueReference), k, len(names),
                       v.name)
 
 

@@ -17,7 +17,7 @@ from fmpy.fmi1 import FMICallException
 
 from ..actuators import NONLINEAR, full_name, get
 from ..errors import EmcasError
-from ..pages.credibility import FILE, MANAGEMENT, Card, Fact, card, read
+from ..pages.credibility import CARD_FILE, MANAGEMENT, Card, Fact, card, read
 from ..parameters import load_parameters, require_sound
 from ..reference.files import parameters_hash
 from ..reference.stored import Stored
@@ -27,7 +27,7 @@ from .excitation import LOAD, Excitation
 from .fmu import OpenedFmu, chosen_model, opened
 from .references import embedded
 from .runs import Run
-from .subject import Identification, ParameterSubject, Subject, differences
+from .subject import Identity, ParameterSubject, Subject, differences
 
 _LAST_MESSAGES = 20  # number of messages kept from a run's log
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
@@ -71,10 +71,10 @@ class FmuSubject(Subject):
                 **{v.key: starts[v.name] for v in self.inputs.values() if v.key}}
 
     @cached_property
-    def identification(self) -> Identification:
+    def identification(self) -> Identity:
         description, changed = self.fmu.description, differences(self.values, self.model)
         estimates = load_parameters(model=self.model).estimates
-        return Identification(
+        return Identity(
             "FMU", self.fmu.path.name, self.fmu.sha256,
             f"{description.modelName} {description.version or ''}".strip(), description.guid,
             description.generationTool or "", parameters_hash(self.values), f"fmpy {fmpy.__version__}", changed,
@@ -83,11 +83,11 @@ class FmuSubject(Subject):
     @cached_property
     def card(self) -> Card:
         """The FMU's card, or a new one if the FMU, being older or changed, contains none for its values."""
-        path, origin = self.fmu.folder / FILE, "this card is the one in the FMU, with figures of these tests"
+        path, origin = self.fmu.folder / CARD_FILE, "this card is the one in the FMU, with figures of these tests"
         try:
             inside = read(path.read_bytes()) if path.is_file() else None
         except ValueError as error:
-            raise EmcasError(f"{self.fmu.path}: {FILE} {error}; build the FMU again") from error
+            raise EmcasError(f"{self.fmu.path}: {CARD_FILE} {error}; build the FMU again") from error
         if inside is None or inside.values_sha256[self.fin - 1:self.fin] != (parameters_hash(self.values),):
             inside, origin = card([self.parameters], self.fmu.path.name), "the FMU has no card for its values"
         file = Fact("file", self.fmu.path.name, note=f"SHA-256 {self.fmu.sha256}; {origin}")

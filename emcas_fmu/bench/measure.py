@@ -21,15 +21,14 @@ from ..motions import MOTIONS, SETTLE, STEP
 from ..parameters import ParameterSet
 from ..simulation import Array
 from ..support import extras
-from .excitation import COMMAND, LOAD, Excitation, sine, times
-from .excitation import motion as excited
+from .excitation import COMMAND, LOAD, Excitation, motion, sine, times
 from .frequency_response import PURE, FrequencyResponse, fundamental_weights, swept
-from .metrics import FIGURES, figures_of, motion, rest, usage
+from .metrics import FIGURES, figures_of, motion_figures, rest_figures, usage_figures
 from .runs import Run, Runs
 from .subject import Subject
 
 
-class Kind(NamedTuple):
+class TestKind(NamedTuple):
     """A kind of test: the fields that it has in files, its figures, and a format of its description."""
 
     fields: tuple[str, ...]
@@ -37,16 +36,15 @@ class Kind(NamedTuple):
     words: str
 
 
-_FIELDS = {name: ("amplitude", "duration", *each.options, "supply") for name, each in MOTIONS.items() if each.jumps}
-_MOVES, _RESTS = ("jump", "usage"), ("rest", "usage")  # kinds of run in `figures_of`
-KINDS: Mapping[str, Kind] = {name: Kind(fields, tuple(figures_of(name, *runs)), words)
-                             for name, (fields, runs, words) in {
-    **{name: (fields, _MOVES, f"{name} of {{size}}, both ways, over {{duration:g}} s{{load}}")
-       for name, fields in _FIELDS.items()},
-    # from rest at zero to amplitude, under a constant torque
-    "step": (_FIELDS["step"], _MOVES, "step of {size}, both ways, held for {duration:g} s{load}"),
-    # from -amplitude, held for `settle`, to amplitude; the torque rises after the command
-    "slew": (_FIELDS["slew"], _MOVES, "slew from one side to the other, {size}, both ways, over {duration:g} s{load}"),
+_RESTS = ("rest", "usage")  # kinds of run in `figures_of`
+_WORDS = {"step": "step of {size}, both ways, held for {duration:g} s{load}",
+          "slew": "slew from one side to the other, {size}, both ways, over {duration:g} s{load}"}
+TESTS: Mapping[str, TestKind] = {name: TestKind(fields, tuple(figures_of(name, *runs)), words)
+                                 for name, (fields, runs, words) in {
+    # under a torque that is constant in a step from rest at 0, and rises after the command of a slew
+    **{name: (("amplitude", "duration", *each.options, "supply"), ("jump", "usage"),
+              _WORDS.get(name, f"{name} of {{size}}, both ways, over {{duration:g}} s{{load}}"))
+       for name, each in MOTIONS.items() if each.jumps},
     "load": (("torque", "duration", "supply"), _RESTS,
              "{torque:g} N.m at once on a fin held at 0, both ways, for {duration:g} s"),
     "release": (("torque", "duration", "supply", "settle"), _RESTS,
@@ -75,7 +73,7 @@ def bound(bandwidth: float) -> str:
 
 @dataclass(frozen=True)
 class Test:
-    """A test of a requirement, of one of the KINDS.
+    """A test of a requirement, of one of the TESTS.
 
     `amplitude` is in rad. `duration` [s] is that of the judged part; `settle` [s] is the time before it in a slew or
     release. `torque` [N.m] is positive in the direction of motion. `supply` is a share of the supply's start value.
@@ -101,7 +99,7 @@ class Test:
         load = f", {'with' if self.torque > 0.0 else 'against'} {abs(self.torque):g} N.m" if self.torque else ""
         supply = "" if self.supply == 1.0 else f", at {100.0 * self.supply:g} % of the supply"
         size = f"{degrees(self.amplitude):.4g} deg"
-        return KINDS[self.kind].words.format(size=size, load=load, **asdict(self)) + supply
+        return TESTS[self.kind].words.format(size=size, load=load, **asdict(self)) + supply
 
 
 def obstacle(test: Test, figure: str, subject: Subject) -> str:
@@ -190,20 +188,21 @@ def _run(test: Test, sign: float, subject: Subject, changes: Sequence[Mapping[st
 def _motion(test: Test, sign: float) -> Excitation:
     level, torque = sign * test.amplitude, sign * test.torque
     if test.kind == "load":
-        return excited("load", 0.0, test.duration, torque)
+        return motion("load", 0.0, test.duration, torque)
     if test.kind == "release":
-        applied = excited("load", 0.0, test.settle + test.duration, torque)
+        applied = motion("load", 0.0, test.settle + test.duration, torque)
         released = replace(applied, begin=applied.begin + test.settle)
         return released.holding({LOAD: np.where(released.judged(released.time), 0.0, applied.columns[LOAD])})
     if test.kind == "slew":
-        return excited("slew", level, test.duration, torque, test.settle, first=None)
-    return excited(test.kind, level, test.duration).holding({LOAD: torque})
+        return motion("slew", level, test.duration, torque, test.settle, first=None)
+    return motion(test.kind, level, test.duration).holding({LOAD: torque})
 
 
 def _moved(runs: Runs) -> dict[str, Array]:
     """Return the figures of finished motions or loads, and nan for the other runs."""
     indices, finished = runs.finished()
-    figures = {**usage(finished), **(motion(finished, -1) if finished.excitation.moves else rest(finished))}
+    moved = motion_figures(finished, -1) if finished.excitation.moves else rest_figures(finished)
+    figures = {**usage_figures(finished), **moved}
     figures["steady_error"] = np.abs(figures["steady_error"])
     return {name: _among(runs, indices, values) for name, values in figures.items()}
 
@@ -313,7 +312,7 @@ def _bandwidths(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any
 def sweep_figures(response: FrequencyResponse, subject: Subject, amplitude: float,
                   changes: Mapping[str, Any]) -> dict[str, float]:
     """Return the figures of a sweep of `amplitude` [rad]; the bandwidths are measured with steady sines."""
-    names = KINDS["sine"].figures
+    names = TESTS["sine"].figures
     (bandwidths,) = measure(Test("sine", amplitude), subject, [changes], names, ("minimum",) * len(names))
     return {**swept(response), **dict(zip(names, bandwidths.tolist(), strict=True))}
 
@@ -370,9 +369,9 @@ def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, 
     try:
         linear = LinearActuator({**plain.values, **plain.having(changes)}, model=plain.model)
     except (EmcasError, ArithmeticError):
-        return dict.fromkeys(KINDS["linear"].figures, nan)
+        return dict.fromkeys(TESTS["linear"].figures, nan)
     if linear.idle or not linear.stable:
-        return dict.fromkeys(KINDS["linear"].figures, nan)
+        return dict.fromkeys(TESTS["linear"].figures, nan)
     loop = linear.loop("reference")
     result = margins(loop, np.geomspace(LOOP_LOWEST, highest(loop), LOOP_POINTS))
-    return dict(zip(KINDS["linear"].figures, (result.gain_db, result.phase, result.delay), strict=True))
+    return dict(zip(TESTS["linear"].figures, (result.gain_db, result.phase, result.delay), strict=True))

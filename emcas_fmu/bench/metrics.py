@@ -256,7 +256,7 @@ def sustained_rate(time: Array, angle: Array, start: float, command: Any) -> Any
     return np.abs(travel) * 0.6 / (crossing(time, share, 0.8) - crossing(time, share, 0.2))
 
 
-def motion(run: Run, number: int = 0) -> dict[str, Any]:
+def motion_figures(run: Run, number: int = 0) -> dict[str, Any]:
     """Return the figures of a jump of a finished run: a step of the command by its index, up to the next step."""
     move, columns = run.excitation.moves[number], run.columns
     rows = int(np.searchsorted(columns["time"], move.end + 1e-9, side="right"))
@@ -267,7 +267,7 @@ def motion(run: Run, number: int = 0) -> dict[str, Any]:
             "sustained_rate": sustained_rate(time, angle, move.start, move.level)}
 
 
-def rest(run: Run) -> dict[str, Any]:
+def rest_figures(run: Run) -> dict[str, Any]:
     """Return the figures of a rest of a finished run at command 0 under a hinge moment."""
     load = run.excitation.columns["aero_torque"]
     time, angle = since(run.excitation.begin, run.columns["time"], run.columns["fin_angle"])
@@ -293,7 +293,7 @@ REDUCTIONS: Mapping[str, Callable[[Array], Any]] = {
 """Functions of an output's column [runs, rows] that return a figure."""
 
 
-def usage(run: Run) -> dict[str, Any]:
+def usage_figures(run: Run) -> dict[str, Any]:
     """Return the usage figures of the recorded outputs, from the excitation's `begin` on."""
     at = dict(zip(run.columns, since(run.excitation.begin, *run.columns.values()), strict=True))
     figures = {name: REDUCTIONS[figure.reduction](at[figure.needs[0]]) for name, figure in figures_of("usage").items()

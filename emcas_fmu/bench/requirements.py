@@ -20,7 +20,7 @@ from ..motions import FIELDS, MOTIONS, RATED
 from ..parameters import ParameterSet, shipped_file
 from ..parameters.schema import In, Table, document, each, kind_of, misplaced, named, parameter_of, read, unknown
 from ..variables import Variable
-from .measure import BANDWIDTHS, KINDS, Test, obstacle
+from .measure import BANDWIDTHS, TESTS, Test, obstacle
 from .metrics import FIGURES, shown, unit_of
 from .subject import COMMAND_RANGE, ParameterSubject, Subject
 
@@ -43,9 +43,9 @@ _MOTION: Mapping[str, Any] = {
     "torque": FIELDS["torque"].definition, "settle": FIELDS["settle"].definition,
     "supply": (Annotated[float, In("1", 0.1, 2.0)], 1.0)}
 _LOAD: Mapping[str, Any] = {**_MOTION, "torque": replace(FIELDS["torque"], nonzero=True).definition}
-_TESTS: Mapping[str, type[Table]] = {
+_TABLES: Mapping[str, type[Table]] = {
     name: Table.of_kind(name, {each: (_MOTION if name in MOTIONS else _LOAD)[each] for each in kind.fields})
-    for name, kind in KINDS.items()}
+    for name, kind in TESTS.items()}
 
 
 def _unit(figure: str) -> str:
@@ -54,7 +54,7 @@ def _unit(figure: str) -> str:
 
 
 def _test(entry: Any, info: ValidationInfo) -> Test:
-    table = _TESTS[kind_of(entry, _TESTS)].model_validate(entry, context=info.context)
+    table = _TABLES[kind_of(entry, _TABLES)].model_validate(entry, context=info.context)
     return Test(**table.model_dump())
 
 
@@ -63,7 +63,7 @@ def _limit(entry: Any, info: ValidationInfo) -> float:
     limit = float(In(_unit(info.data["figure"])).number(entry)) if "figure" in info.data else 1.0
     if limit <= 0.0:
         raise ValueError("must be above 0")
-    if info.data.get("figure") in KINDS["sine"].figures and not BANDWIDTHS[0] < limit < BANDWIDTHS[1]:
+    if info.data.get("figure") in TESTS["sine"].figures and not BANDWIDTHS[0] < limit < BANDWIDTHS[1]:
         raise ValueError("must be between {:g} and {:g} Hz, the range of measured bandwidths".format(*BANDWIDTHS))
     return limit
 
@@ -93,8 +93,8 @@ class Requirement(Table):
         test = info.data.get("test")
         if test is None and figure.count(".") == 2:
             return figure
-        kinds = [test.kind] if test else list(KINDS)
-        available = list(dict.fromkeys(name for kind in kinds for name in KINDS[kind].figures))
+        kinds = [test.kind] if test else list(TESTS)
+        available = list(dict.fromkeys(name for kind in kinds for name in TESTS[kind].figures))
         if figure not in available:
             raise ValueError(f"a {' or '.join(kinds)} test has no such figure; {unknown(figure, available)}")
         if "test" in info.data and test is None:

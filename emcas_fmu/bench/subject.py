@@ -42,7 +42,7 @@ ANGLE_KNOWN = {"homing.required": False}
 
 
 @dataclass(frozen=True)
-class Identification:
+class Identity:
     """The identity of a subject.
 
     `kind` is `FMU` or `parameter set`. `sha256` is the hash of the file or files, empty for the defaults; a parameter
@@ -77,7 +77,7 @@ class Subject(ABC):
 
     @property
     @abstractmethod
-    def identification(self) -> Identification:
+    def identification(self) -> Identity:
         """The name, file and hashes of the subject."""
 
     @property
@@ -233,9 +233,9 @@ class ParameterSubject(Subject):
         return self.parameters.warnings
 
     @cached_property
-    def identification(self) -> Identification:
+    def identification(self) -> Identity:
         source = self.actuator.source
-        return Identification(
+        return Identity(
             "parameter set", ", ".join(file.name for file in self.files) or shipped(self.model),
             hashlib.sha256(b"".join(file.read_bytes() for file in self.files)).hexdigest() if self.files else "",
             self.actuator.name if source else "EMCAS", "", "",

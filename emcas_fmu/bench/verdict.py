@@ -21,9 +21,9 @@ from rich.text import Text
 from ..pages.numbers import number
 from ..pages.terminal import table
 from ..support.progress import Progress, silent
-from .measure import KINDS, bound, measure
+from .measure import TESTS, bound, measure
 from .requirements import Case, Requirement, Specification
-from .subject import Identification, Subject
+from .subject import Identity, Subject
 from .writers import junit_case
 
 SENSES = {"maximum": "<=", "minimum": ">="}
@@ -161,7 +161,7 @@ def judged(r: Requirement, figures: Sequence[Measured], subject: Subject) -> Jud
     clipped = r.test and r.test.amplitude > subject.command_limit * (1.0 + 1e-9)
     return Judged(**fixed, measured=worst.measured * factor,
                   note=f"commands are clipped to {degrees(subject.command_limit):.6g} deg" if clipped else "",
-                  beyond=r.figure in KINDS["sine"].figures and bool(bound(worst.measured)))
+                  beyond=r.figure in TESTS["sine"].figures and bool(bound(worst.measured)))
 
 
 def _why(r: Requirement, measured: float) -> str:
@@ -208,7 +208,7 @@ def remarks(judged: Sequence[Judged]) -> list[str]:
     return [f"{j.name}: {j.note}" if j.skipped else f"{j.name}: {j}" for j in judged if j.note or not j.passed]
 
 
-def summary(about: Identification, heading: str, judged: Sequence[Judged], more: Iterable[RenderableType],
+def summary(about: Identity, heading: str, judged: Sequence[Judged], more: Iterable[RenderableType],
             notes: Iterable[str], passed: bool | None, verdict: str) -> Iterator[RenderableType]:
     """Yield a result for the terminal: subject, requirements as a table, `more`, notes and the verdict in words.
 

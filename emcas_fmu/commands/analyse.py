@@ -30,7 +30,7 @@ def analyse(
     report: common.ReportOption = None,
 ) -> None:
     """Print bandwidth, margins, final values, limits, natural frequencies and capability at an operating point."""
-    from ..api import analyse as run
+    from .. import api
 
     common.check_outputs(as_json, report, inputs=(parameters, rod))
     for name, value in (("--at", at), ("--torque", torque)):
@@ -38,7 +38,7 @@ def analyse(
             raise EmcasError(f"{name} {value}: give a finite number")
     chosen = common.parameter_set(parameters, model)
     with common.work("analyse") as step:
-        analysis = run(chosen, radians(at), torque, locus, rod, step)
+        analysis = api.analyse(chosen, radians(at), torque, locus, rod, step)
     from ..pages.numbers import number
     from ..studies.analysis.report import figures_of, tables, write_report  # needs the extra
 

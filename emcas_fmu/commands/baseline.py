@@ -85,21 +85,21 @@ def check(
     report: common.ReportOption = None,
 ) -> None:
     """Compare the response with the approved one; exit code 1 if it drifts."""
-    from ..studies.baseline import comparison_output as output
+    from ..studies.baseline import comparison_output
     from ..studies.baseline.comparison import compare
     from ..studies.baseline.files import read
 
     common.check_outputs(as_json, junit, markdown, report, inputs=(subject, parameters, baseline))
     with common.work("check") as step, common.open_subject(subject, model, fin, parameters) as opened:
         result = compare(read(baseline, opened.model), opened, baseline, step)
-    advice = output.remedy(result, shlex.join(["emcas", "baseline", "record", *_arguments(
+    advice = comparison_output.remedy(result, shlex.join(["emcas", "baseline", "record", *_arguments(
         subject, model, fin, parameters), "--output", str(baseline)]), str(baseline))
-    common.write_json(output.as_dict(result), as_json)
-    common.write_results(result, (junit, output.write_junit),
-                         (markdown, lambda each, path: output.append_markdown(each, advice, path, everything)),
-                         (report, lambda each, path: output.write_report(each, advice, path)))
+    common.write_json(comparison_output.as_dict(result), as_json)
+    common.write_results(result, (junit, comparison_output.write_junit),
+                         (markdown, lambda one, path: comparison_output.append_markdown(one, advice, path, everything)),
+                         (report, lambda each, path: comparison_output.write_report(each, advice, path)))
     console = common.out if common.out.is_terminal else Console(width=_LOG_WIDTH)
-    for part in output.summary(result, everything):
+    for part in comparison_output.summary(result, everything):
         console.print(part, highlight=False)
     if not result.passed:
         common.say(escape(advice))

@@ -49,14 +49,14 @@ def calibrate(
     records do not determine a parameter, the fit is poor or has not settled, a value is at its bound or far from its
     prior, or a record has a fault. Ctrl-C ends the fit: the best values are shown and written, with exit code 130.
     """
-    from ..api import calibrate as run
+    from .. import api
 
     held_out = hold_out or []
     identify.check_outputs([*files, *held_out], parameters, output, report, as_json)
     base = common.parameter_set(parameters, model)
     names = [name.strip() for text in free for name in text.split(",") if name.strip()]
     with common.work("calibrate") as step:
-        result = run(files, base, names, held_out, compare or (), prior or (), delays, robust, seed, step)
+        result = api.calibrate(files, base, names, held_out, compare or (), prior or (), delays, robust, seed, step)
     identify.write(result, parameters, output, report, as_json)
     identify.show(result, *(common.table(["output", ">rms", ">mean size", ">largest", "unit", ">fit / %"], (
         [c.variable.name, *(f"{c.figures[name]:.3g}" for name in ("rms", "mean_abs", "largest")), c.unit, c.fit]

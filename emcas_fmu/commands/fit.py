@@ -33,7 +33,7 @@ def fit(
     common.write_results(fitted, (output, lambda each, path: fitting.write_fitted(each, path, command)))
     common.write_json(fitted.figures(), as_json)
     entries = {e.variable.name: e for e in fitted.parameters.entries}
-    for name in fitting.NAMES:
+    for name in fitting.FITTED:
         common.out.print(f"{name} = {entries[name].value:.4g} {entries[name].variable.unit}")
     common.conclude([common.table(["step / deg", "largest difference / %", "rms / %"], (
         [f"{size:g}", f"{largest:.2g}", f"{rms:.2g}"]

@@ -39,7 +39,7 @@ PANELS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-def summary(name: str) -> str:
+def sentence(name: str) -> str:
     """Return the sentence that describes a command, read from the first line of its file without importing it."""
     with files(__package__).joinpath(f"{name}.py").open(encoding="utf-8") as file:
         text = file.readline().strip().strip('"').rpartition("`: ")[2]
@@ -169,7 +169,7 @@ class LazyGroup(TyperGroup):
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help with the summary of every command, without importing the commands."""
-        listed: dict[str, Any] = {name: TyperCommand(name, help=summary(name), rich_help_panel=panel)
+        listed: dict[str, Any] = {name: TyperCommand(name, help=sentence(name), rich_help_panel=panel)
                                   for panel, names in PANELS.items() for name in names}
         shown = TyperGroup(name=self.name, commands=listed, params=self.params, help=self.help,
                            rich_markup_mode=self.rich_markup_mode)

@@ -17,7 +17,7 @@ from ..support.files import described_sets
 from . import common
 
 if TYPE_CHECKING:
-    from ..studies.overview import Estimate
+    from ..studies.overview import EstimatedEntries
 
 EPILOG = common.examples("parameters", "", "-p my_actuator.toml --json", "-p my_actuator.toml --sensitivity 50",
                          "--sets", "-p drive-pi", "--model elastic+faults")
@@ -74,7 +74,7 @@ def parameters(
         _show_estimates(chosen, estimates)
 
 
-def _show_estimates(chosen: ParameterSet, estimates: Sequence[Estimate]) -> None:
+def _show_estimates(chosen: ParameterSet, estimates: Sequence[EstimatedEntries]) -> None:
     """Print the names of the values that are still estimates, one line for each group."""
     from ..studies.overview import by_group, in_words, offered
 
@@ -87,7 +87,7 @@ def _show_estimates(chosen: ParameterSet, estimates: Sequence[Estimate]) -> None
         common.out.print(f"  and {others} that no datasheet contains (--json lists all)")
 
 
-def _show_effects(estimates: Iterable[Estimate], torque: float) -> None:
+def _show_effects(estimates: Iterable[EstimatedEntries], torque: float) -> None:
     """Print the remaining estimates with the effect of a 10 % change of each."""
     common.out.print(common.table(
         ["still an estimate", "effect of 10 % / deg"],

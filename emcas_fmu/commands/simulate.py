@@ -77,7 +77,7 @@ def simulate(
     as_json: common.JsonOption = None,
 ) -> None:
     """Simulate a step, a reference case or a file of inputs, without an FMU."""
-    from ..api import simulate as run
+    from .. import api
     from ..bench.conditions import resting_on
     from ..bench.excitation import csv_file, reference_case
     from ..motions import STEP
@@ -109,7 +109,7 @@ def simulate(
     common.warn(warning for each in sets for warning in each.warnings)
     if case:
         excitation = reference_case(case, supply=supply_start(model, sets[0].values))
-    response = run(sets, replace(excitation, start_values={}), kernel=kernel, line=line, **constants)
+    response = api.simulate(sets, replace(excitation, start_values={}), kernel=kernel, line=line, **constants)
     common.write_results(response, (output, type(response).write_csv), (plot, type(response).plot))
     common.write_json(response.as_dict(), as_json)
     columns = [f">fin {k}" for k in range(1, fins + 1)] if fins > 1 else [">value"]

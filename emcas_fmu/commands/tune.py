@@ -47,7 +47,7 @@ def tune(
     The shipped study takes about a minute on two processors. Ctrl-C ends the search: the best gains so far are shown
     and written, and the exit code is 130.
     """
-    from ..api import tune as run
+    from .. import api
     from ..studies.overview import stalled
     from ..studies.tuning.output import at_bounds, objectives, summary, verdict, write_json, write_report, write_tuned
     from ..studies.tuning.study import load_study, shipped_study
@@ -62,7 +62,7 @@ def tune(
     common.warn(stalled(base, max(abs(getattr(r.test, "torque", 0.0)) for r in chosen.requirements)))
     try:
         with common.work("tune", lines=True) as step:
-            result = run(base, chosen, seed, generations, workers, journal, step)
+            result = api.tune(base, chosen, seed, generations, workers, journal, step)
     except KeyboardInterrupt:
         common.err.print("stopped before any gains were judged; nothing is written")
         raise typer.Exit(common.INTERRUPTED) from None

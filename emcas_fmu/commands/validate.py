@@ -39,7 +39,7 @@ def validate(
     references are for other parameters. 2: the request cannot be executed. In a gate leave --case out: with it no
     requirement is judged.
     """
-    from ..api import validate as run
+    from .. import api
     from ..studies.validate.validation_output import as_dict, summary, write_junit, write_report
 
     if case and requirements:
@@ -48,7 +48,7 @@ def validate(
         raise EmcasError("--inside and --directory: both choose the references; give one of them")
     common.check_outputs(as_json, junit, report, inputs=(article, directory, requirements))
     with common.work("validate") as step, common.open_subject(article, model, fin) as subject:
-        result = run(subject, case, directory, step, inside, requirements)
+        result = api.validate(subject, case, directory, step, inside, requirements)
     common.write_json(as_dict(result), as_json)
     common.write_results(result, (junit, write_junit), (report, write_report))
     common.conclude(summary(result), report, as_json, junit, passed=result.outcome)

@@ -34,7 +34,7 @@ from typing import Any, NamedTuple
 
 from ..ops.base import Ops, Value
 from ..physics import drive, friction, kinematics, mechanics
-from . import command as bus
+from . import command_bus
 from .sensors import Measurement
 from .trajectory import Ahead, Motion, added
 
@@ -49,7 +49,7 @@ class Loops(NamedTuple):
     momentum: Value
 
 
-class Output(NamedTuple):
+class SampleResult(NamedTuple):
     """Result of a sample: DAC value [V], speed reference before its limit [rad/s], a flag that a limit of command,
     speed or DAC acts, and the loops' states after the sample."""
 
@@ -129,7 +129,7 @@ def feed_forward(ops: Ops, p: Any, motion: Motion, integral: Value) -> tuple[Ahe
 
 
 def sample(ops: Ops, p: Any, loops: Loops, measured: Measurement, current: Value, command: Value,
-           ahead: Ahead | None = None) -> Output:
+           ahead: Ahead | None = None) -> SampleResult:
     """Return the result of a sample for a measured motor `current` [A], an unlimited fin `command` [rad] and, if any,
     the feed-forward `ahead` of a motion."""
     position, velocity, limit, period = (p.controller.position, p.controller.velocity, p.controller.speed_limit,
@@ -137,7 +137,7 @@ def sample(ops: Ops, p: Any, loops: Loops, measured: Measurement, current: Value
     target = target_angle(ops, p, command)
     error = target - measured.motor_angle
     fed_back = position.kp * (error - (1.0 - position.setpoint_weight) * target) + loops.integral
-    update_time, change = bus.interval(ops, p), target - loops.target
+    update_time, change = command_bus.interval(ops, p), target - loops.target
     speed_raw = fed_back + position.velocity_feedforward * change / update_time
     lagged = ops.where(update_time > period, loops.target + period / update_time * change, target)
     speed_reference = ops.clip(speed_raw, -limit, limit)
@@ -160,4 +160,4 @@ def sample(ops: Ops, p: Any, loops: Loops, measured: Measurement, current: Value
     integral = loops.integral + ops.where(position.ki > 0.0, period * (position.ki * error + unwinding), 0.0)
     tracking = ops.minimum(p.controller.drive_antiwindup, velocity.ki / proportional)
     velocity_integral = loops.velocity_integral + period * (velocity.ki * speed_error + tracking * beyond)
-    return Output(reference, speed_raw, limited, Loops(integral, velocity_integral, lagged, momentum))
+    return SampleResult(reference, speed_raw, limited, Loops(integral, velocity_integral, lagged, momentum))

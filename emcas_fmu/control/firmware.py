@@ -18,7 +18,7 @@ from .controllers import clipped_command
 from .trajectory import Ahead, added
 
 
-class Output(NamedTuple):
+class SampleResult(NamedTuple):
     """Result of a frame: duty cycle [-]; `limited`, 1 if a limit of PWM or command is active, else 0; the integral
     [counts of PWM] after the frame; the encoder's counts."""
 
@@ -40,7 +40,7 @@ def counts(ops: Ops, p: Any, angle: Value) -> Value:
 
 
 def sample(ops: Ops, p: Any, integral: Value, before: Value, angle: Value, command: Value,
-           ahead: Ahead | None = None) -> Output:
+           ahead: Ahead | None = None) -> SampleResult:
     """Return the result of a frame at an output `angle` [rad] for an unlimited fin `command` [rad].
 
     `before` is the number of counts at the last frame; `ahead` contains P_f as its `reference`.
@@ -54,5 +54,5 @@ def sample(ops: Ops, p: Any, integral: Value, before: Value, angle: Value, comma
     beyond = ops.fabs(pwm) > p.pwm.limit
     winds_up = ops.both(beyond, pwm * acting > 0.0)
     limited = ops.either(beyond, ops.fabs(command) > p.command.limit)
-    return Output(ops.clip(pwm, -p.pwm.limit, p.pwm.limit) / p.pwm.full, ops.where(limited, 1.0, 0.0),
-                  integral + ops.where(winds_up, 0.0, period * c.ki * acting), now)
+    return SampleResult(ops.clip(pwm, -p.pwm.limit, p.pwm.limit) / p.pwm.full, ops.where(limited, 1.0, 0.0),
+                        integral + ops.where(winds_up, 0.0, period * c.ki * acting), now)

@@ -20,7 +20,7 @@ from .controllers import clipped_command, resting_integral
 from .trajectory import Ahead, Motion, added
 
 
-class Output(NamedTuple):
+class SampleResult(NamedTuple):
     """Result of a sample: reference of the piston's speed [m/s]; `limited`, 1 if a limit of speed or command is active,
     else 0; the integral [m/s] after the sample; `held`, the integral after a sample in which the loop does not
     integrate."""
@@ -51,7 +51,7 @@ def piston_motion(ops: Ops, p: Any, motion: Motion) -> tuple[Value, Value]:
 
 
 def sample(ops: Ops, p: Any, integral: Value, before: Value, fin_measured: Value, command: Value, limit: Value,
-           ahead: Ahead | None = None) -> Output:
+           ahead: Ahead | None = None) -> SampleResult:
     """Return the result of a sample for an unlimited fin `command` [rad]; +-`limit` [m/s] limits the speed reference.
 
     `before` is the piston's position [m] at the last sample; `ahead` contains the speed [m/s] of the feed-forward.
@@ -67,4 +67,4 @@ def sample(ops: Ops, p: Any, integral: Value, before: Value, fin_measured: Value
     moved = integral + ops.where(ops.both(beyond, raw * error > 0.0), followed,
                                  p.controller.sample_time * position.ki * error)
     limited = ops.either(beyond, ops.fabs(command) > p.command.limit)
-    return Output(ops.clip(raw, -limit, limit), ops.where(limited, 1.0, 0.0), moved, integral + followed)
+    return SampleResult(ops.clip(raw, -limit, limit), ops.where(limited, 1.0, 0.0), moved, integral + followed)

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 from ..ops.base import Ops, Value
 
-LONGEST = 20  # samples by which the feedback may lag the motion
+LONGEST_LAG = 20  # samples by which the feedback may lag the motion
 _BRAKING = 0.8  # a_b/a_max; the rest is a reserve for the end of the braking
 _SLOWING = 0.3  # share of its excess rate that a motion loses per sample
 _SMALLEST = 1e-3  # rad/s, replaces a natural frequency of 0 (no motion) in a quotient

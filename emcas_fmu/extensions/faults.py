@@ -160,7 +160,7 @@ class _Faulty:
                    for fault, amount, state in self.grown},
                 "fault_acting": ops.where(reduce(ops.either, of_plant.values()), 1.0, 0.0),
                 "fault_bits": fault_list.word(ops, self.bits, active),
-                "monitor_bits": monitors.word(self.watched, tripped), "fault_verdict": monitors.verdict(ops, tripped)}
+                "monitor_bits": monitors.word(self.watched, tripped), "fault_verdict": monitors.status(ops, tripped)}
 
     def step(self, ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
         """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""

@@ -90,7 +90,7 @@ def _controller(actuator: Actuator) -> Actuator:
         sample=sample, step=lambda ops, p, x, u, h: ({}, h), derivatives=None, output_values=output_values,
         outputs=(signals.reference, *outputs, *signals.sampled.values()), provides=frozenset(),
         further_inputs=(*actuator.further_inputs, *line, *map(_input, signals.measured.values())),
-        hidden=frozenset(v.name for v in (fin_port.AERO_TORQUE, *fin_port.MOTION, *unused)),
+        hidden=frozenset(v.name for v in (fin_port.AERO_TORQUE, *fin_port.VEHICLE_MOTION, *unused)),
         terminals=(signals.terminal,), longest_tick=lambda ops, p: p.controller.sample_time, transport_delay=None)
 
 

@@ -26,7 +26,7 @@ from ..physics import drive
 from ..physics.friction import coulomb_polynomial
 from ..rules import Rule, at_most, rule, when
 from ..variables import boolean_input, boolean_output, in_group, parameter, switch
-from . import homing_run as run
+from . import homing_run
 from .declaration import Extension
 from .status import DISABLED, FAILED, HOMING, OPERATIONAL, STATUS, UNREFERENCED
 
@@ -54,16 +54,16 @@ def extend(actuator: Actuator) -> Actuator:
     """Return the actuator with an offset of its encoder and the state machine that finds it."""
     def initial(ops: Ops, p: Any, start: Record) -> Values:
         x = Record(**actuator.start(ops, p, start.fin_angle))
-        offset = ops.where(p.homing.required, -run.reading(ops, p, actuator.position(ops, p, x), x.counts), 0.0)
+        offset = ops.where(p.homing.required, -homing_run.reading(ops, p, actuator.position(ops, p, x), x.counts), 0.0)
         begun = actuator.start(ops, p, start.fin_angle, offset)
-        phase = ops.where(p.homing.required, run.UNKNOWN, run.READY)
+        phase = ops.where(p.homing.required, homing_run.UNKNOWN, homing_run.READY)
         return {**begun, "homing_offset": offset, "homing_phase": phase}
 
     def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
-        return {**run.sample(ops, p, actuator, x, inputs), "home_before": ops.where(inputs.home, 1.0, 0.0)}
+        return {**homing_run.sample(ops, p, actuator, x, inputs), "home_before": ops.where(inputs.home, 1.0, 0.0)}
 
     def powered(ops: Ops, u: PlantInputs) -> PlantInputs:
-        return u.replace(enabled=ops.both(u.enabled, run.driven(ops, u.homing_phase)))
+        return u.replace(enabled=ops.both(u.enabled, homing_run.driven(ops, u.homing_phase)))
 
     def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
         return actuator.step(ops, p, x, powered(ops, u), h)
@@ -71,15 +71,16 @@ def extend(actuator: Actuator) -> Actuator:
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
         values = actuator.output_values(ops, p, x, powered(ops, u))
         phase = u.homing_phase
-        ready = ops.equal(phase, run.READY)
+        ready = ops.equal(phase, homing_run.READY)
+        failed = ops.equal(phase, homing_run.FAILED)
         status = ops.where(ready, values.get(STATUS.name, OPERATIONAL), ops.where(
-            run.moving(ops, phase), HOMING, ops.where(ops.equal(phase, run.FAILED), FAILED, UNREFERENCED)))
+            homing_run.moving(ops, phase), HOMING, ops.where(failed, FAILED, UNREFERENCED)))
         return {**values, STATUS.name: ops.where(u.enabled, status, DISABLED), HOMED.name: ready}
 
     return replace(
         actuator, initial=initial, sample=sample, step=step, output_values=output_values,
-        controller_states=(*actuator.controller_states, State("home_before"), *map(State, run.PROGRESS)),
-        sampled_states=(*actuator.sampled_states, State("homing_phase", start=run.READY)),
+        controller_states=(*actuator.controller_states, State("home_before"), *map(State, homing_run.HOMING_STATES)),
+        sampled_states=(*actuator.sampled_states, State("homing_phase", start=homing_run.READY)),
         further_inputs=(*actuator.further_inputs, HOME))
 
 
@@ -90,7 +91,7 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
         # From one stop to the other, back to the first and to zero, each followed by the time of a stall. At a constant
         # motor speed zero is not the middle in time. Each way may be longer than the travel by the tolerance.
         stop = p.fin.stop_angle
-        if run.run_in_cascade(actuator):
+        if homing_run.run_in_cascade(actuator):
             initial = actuator.equation_parameters(ops, p).kinematics.initial_angle
             zero, high, low = ops.tan(initial), ops.tan(initial + stop), ops.tan(initial - stop)
         else:
@@ -114,7 +115,7 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
         return when(ops, needed >= lasts * (push - friction)), p.homing.stall_time, push, friction, p.homing.speed
 
     push = at_most("homing.reference_limit", "drive.reference_limit", "V")
-    return (push, time, stall) if run.run_in_cascade(actuator) else (push, time)
+    return (push, time, stall) if homing_run.run_in_cascade(actuator) else (push, time)
 
 
 EXTENSION = Extension(

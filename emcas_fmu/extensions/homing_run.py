@@ -24,14 +24,14 @@ from ..control import controllers, sensors
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import kinematics
+from ..physics.stick import EDGE
 
 UNKNOWN, SEEKING, CROSSING, RETURNING, READY, FAILED = (float(i) for i in range(6))
 _STILL = 0.1  # share of the target's motion in homing.stall_time; a fin that moves less is at rest
 _WAITS = 0.25  # share of homing.stall_time for which the target still moves while the fin is at rest
-_EDGE = 1.0 - 1e-9  # share of a limit from which a value is at the limit, despite rounding
 
 
-class Progress(NamedTuple):
+class HomingStates(NamedTuple):
     """States of a run: the encoder's `offset`, the `target` and the `origin` of the phase, all in counts.
 
     `stalled` [s] is the time since the fin stalled, at the position `mark` [counts], or returned to zero; `elapsed` [s]
@@ -46,7 +46,7 @@ class Progress(NamedTuple):
     elapsed: Value
 
 
-PROGRESS = tuple(f"homing_{name}" for name in Progress._fields)
+HOMING_STATES = tuple(f"homing_{name}" for name in HomingStates._fields)
 
 
 class _Way(NamedTuple):
@@ -97,11 +97,11 @@ def _way(ops: Ops, p: Any, actuator: Actuator) -> _Way:
 
 
 def sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInputs) -> dict[str, Value]:
-    """Return the result of a sample by name, with the phase and PROGRESS.
+    """Return the result of a sample by name, with the phase and HOMING_STATES.
 
     Outside a run it is the actuator's sample with the encoder's offset, enabled in the phase ready only.
     """
-    progress = Progress(*(getattr(x, name) for name in PROGRESS))
+    progress = HomingStates(*(getattr(x, name) for name in HOMING_STATES))
     edge = ops.both(inputs.home, ops.negate(x.home_before))
     running = moving(ops, x.homing_phase)
     starts = ops.both(ops.both(edge, inputs.enable), ops.negate(running))
@@ -118,12 +118,12 @@ def sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInputs
     return dict(zip(plain, ops.branch(moving(ops, phase), homing, lambda: tuple(plain.values())), strict=True))
 
 
-def _named(phase: Value, progress: Progress) -> dict[str, Value]:
-    return {"homing_phase": phase, **dict(zip(PROGRESS, progress, strict=True))}
+def _named(phase: Value, progress: HomingStates) -> dict[str, Value]:
+    return {"homing_phase": phase, **dict(zip(HOMING_STATES, progress, strict=True))}
 
 
 def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInputs, seen: dict[str, Value],
-            starts: Value, phase: Value, g: Progress) -> dict[str, Value]:
+            starts: Value, phase: Value, g: HomingStates) -> dict[str, Value]:
     way = _way(ops, with_values(p, actuator.nominal), actuator)
     period, limit = p.controller.sample_time, p.homing.reference_limit
     position = reading(ops, p, inputs.position, seen["counts"], g.offset)
@@ -150,7 +150,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
         x = x.replace(integral=integral + forward)
     out = actuator.sampled(ops, pushing, x, inputs)
 
-    pressed = ops.fabs(out["reference"]) >= limit * _EDGE
+    pressed = ops.fabs(out["reference"]) >= limit * EDGE
     window = _STILL * speed * p.homing.stall_time
     # A change by one count is not motion.
     window = ops.where(p.encoder.enabled, ops.maximum(window, 1.0), window)
@@ -159,7 +159,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
                                       ops.fabs(position) <= p.homing.return_tolerance * way.per_angle))
     lasts = ops.either(still, back)
     stalled, mark = ops.where(lasts, stalled + period, 0.0), ops.where(still, mark, position)
-    stall = stalled >= p.homing.stall_time * _EDGE
+    stall = stalled >= p.homing.stall_time * EDGE
     elapsed = elapsed + period
 
     travel, tolerance = ops.fabs(position - origin), p.homing.travel_tolerance * way.per_angle
@@ -179,7 +179,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     here = position + shift
     target, origin, mark = (ops.where(turns, here, x) for x in (target, origin, mark))
     restarts = ops.either(turns, fails)
-    now = Progress(g.offset + shift, target, origin, ops.where(turns, 0.0, stalled), mark, elapsed)
+    now = HomingStates(g.offset + shift, target, origin, ops.where(turns, 0.0, stalled), mark, elapsed)
     after_sample = {**out, "reference": ops.where(fails, 0.0, out["reference"]),
                     "measured_fin_angle": seen["measured_fin_angle"], **_named(after, now)}
     if cascaded:

@@ -26,7 +26,7 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import mechanics
 from ..rules import SLACK, Rule, rule, when
-from ..steppers.electrical import Plant, states
+from ..steppers.electrical import Motor, states
 from ..steppers.lugre import advance
 from ..variables import in_group, parameter, real_output
 from .declaration import Extension
@@ -49,7 +49,7 @@ OUTPUTS = (
 def extend(actuator: Actuator) -> Actuator:
     """Return the actuator with bristles, whose deflection is a state."""
     def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
-        moved, deflection, used = advance(ops, actuator.plant_parameters(ops, p), states(Plant, x),
+        moved, deflection, used = advance(ops, actuator.plant_parameters(ops, p), states(Motor, x),
                                           x.bristle_deflection, u, h)
         return {**moved._asdict(), "bristle_deflection": deflection}, used
 

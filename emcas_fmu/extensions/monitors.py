@@ -146,7 +146,7 @@ def word(watched: tuple[Monitor, ...], tripped: Sequence[Value]) -> Value:
     return reduce(lambda total, pair: total + pair[0] * pair[1], zip(bits, tripped, strict=True), 0.0)
 
 
-def verdict(ops: Ops, tripped: Sequence[Value]) -> Value:
+def status(ops: Ops, tripped: Sequence[Value]) -> Value:
     """Return the status of an enabled actuator: failed if it does not track, degraded if another monitor tripped."""
     any_tripped: Value = reduce(lambda any_, flag: ops.either(any_, flag > 0.0), tripped, False)
     return ops.where(tripped[0] > 0.0, FAILED, ops.where(any_tripped, DEGRADED, OPERATIONAL))

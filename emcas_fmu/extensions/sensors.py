@@ -15,8 +15,7 @@ from typing import Any
 
 from ..actuators import capabilities
 from ..actuators.declaration import Actuator, PlantInputs, SampleInputs, State, Values
-from ..control import command as bus
-from ..control import sensor_errors
+from ..control import command_bus, sensor_errors
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import kinematics
@@ -45,7 +44,7 @@ OF_ENCODER = {"eccentricity of the encoder": {"sensor.encoder.once": 0.0, "senso
 OF_CURRENT = {"current sensor": {"sensor.current.offset": 0.0, "sensor.current.gain_error": 0.0}}
 GENERATORS = (State("sensor_generator_1"), State("sensor_generator_2"))
 _MOTOR_COUNTS = "motor_counts"
-_OF_COMMAND = ("target", *bus.STATES)  # states of the controllers that depend on the command only
+_OF_COMMAND = ("target", *command_bus.STATES)  # states of the controllers that depend on the command only
 _NEEDED = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.DRIVE_STEP)
 
 

@@ -146,7 +146,7 @@ def _extend(actuator: Actuator) -> Actuator:
         output_values=output_values, derivatives=None,
         outputs=fin_port.described(described, actuator.outputs),
         further_inputs=(*actuator.further_inputs, HINGE_ANGLE, HINGE_RATE, fin_port.STEP_BEGIN),
-        hidden=frozenset((fin_port.AERO_TORQUE.name, *(v.name for v in fin_port.MOTION), fin_port.STEP_BEGIN.name)))
+        hidden=frozenset(v.name for v in (fin_port.AERO_TORQUE, *fin_port.VEHICLE_MOTION, fin_port.STEP_BEGIN)))
 
 
 @rule("loads.gravity is true, but the fin's weight is the host's; set loads.gravity to false")

@@ -40,7 +40,7 @@ PARAMETERS = in_group(
 TRACKING = in_group("trajectory", tunable("tracking_limit", "rad", radians(1e-3), 10.0,
                                           "lag of the fin behind the generated motion beyond which this slows down"))
 """The additional parameters of actuators whose motion slows down: those with feed-forward and a position integral."""
-_LINE = tuple(f"trajectory_angle_{k}" for k in range(trajectory.LONGEST + 1))
+_LINE = tuple(f"trajectory_angle_{k}" for k in range(trajectory.LONGEST_LAG + 1))
 _RESTING = ("trajectory_rate", "trajectory_acceleration", "trajectory_memory", "trajectory_lost")
 _ALONE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 1.0,
           "command.update_time": 0.0}
@@ -141,11 +141,11 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
         return _jerk, _sampled
 
     @rule("controller.sample_time = %.6g s: a reference acts after %.6g s, longer than the "
-          f"{trajectory.LONGEST} samples by which the extension trajectory delays a motion; raise the sample time")
+          f"{trajectory.LONGEST_LAG} samples by which the extension trajectory delays a motion; raise the sample time")
     def delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         rest = trajectory.Motion(0.0, 0.0, 0.0, 0.0, 0.0)
         time = ops.where(p.trajectory.natural_frequency > 0.0, feed_forward(ops, p, rest, 0.0)[2], 0.0)
-        return when(ops, time > trajectory.LONGEST * p.controller.sample_time), p.controller.sample_time, time
+        return when(ops, time > trajectory.LONGEST_LAG * p.controller.sample_time), p.controller.sample_time, time
 
     return _jerk, _sampled, delay
 

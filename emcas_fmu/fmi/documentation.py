@@ -18,14 +18,14 @@ from markupsafe import Markup
 
 from .. import __copyright__, __license__, __version__
 from ..actuators import capabilities, get, parts
-from ..pages.credibility import FILE, Card, Fact, card
+from ..pages.credibility import CARD_FILE, Card, Fact, card
 from ..pages.page import page, prose
 from ..parameters import ParameterSet
 from ..runtime import schedule
 from .description import describe, parameters_in_words
 from .format import Format
 from .interface import FmuInterface, start_values
-from .references import Experiment
+from .references import EmbeddedExperiment
 
 _EXTERNAL = """This FMU computes in Python. Its binaries (linux64, win64) contain no Python: the host's process must
 have Python 3.10 or later loaded. A Python host (fmpy) has it. With another host on Linux, preload the Python library,
@@ -83,7 +83,7 @@ def _docstring(module: ModuleType) -> str | None:
 
 
 def _card(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
-          platforms: Sequence[str], experiments: Sequence[Experiment]) -> Card:
+          platforms: Sequence[str], experiments: Sequence[EmbeddedExperiment]) -> Card:
     """Return the credibility card of an FMU; it is the same in every build."""
     configuration = [Fact("FMU", f"FMI {fmi.version}, back end {backend}, for {', '.join(platforms)}", note=guid)]
     reference = Path(str(get(parts(interface.kind)[0]).reference)).name
@@ -123,14 +123,14 @@ def _license(package: str) -> str:
 
 
 def documents(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
-              platforms: Sequence[str], experiments: Sequence[Experiment] = ()) -> dict[str, bytes]:
+              platforms: Sequence[str], experiments: Sequence[EmbeddedExperiment] = ()) -> dict[str, bytes]:
     """Return all documentation files of an FMU by archive name; `experiments` are the references inside the FMU."""
     credibility = _card(interface, sets, guid, backend, fmi, platforms, experiments)
     wrapper = ("pythonfmu-license.txt is the licence of PythonFMU: of the binaries, and of pythonfmu in resources.\n"
                if backend == "python" else "")
     texts = {
         "index.html": _page(interface, sets, guid, backend, fmi, platforms, credibility),
-        Path(FILE).name: interface.respelt(json.dumps(credibility.as_dict(), indent=1, ensure_ascii=False)) + "\n",
+        Path(CARD_FILE).name: interface.respelt(json.dumps(credibility.as_dict(), indent=1, ensure_ascii=False)) + "\n",
         # Required by FMI 2.0.5, section 2.3; it refers to the other licences.
         "licenses/license.txt": f"{interface.model}.fmu was made by emcas-fmu {__version__}. {__copyright__}, "
                                 f"{__license__} licence, as below.\n{wrapper}\n{_license('emcas-fmu')}"}

@@ -17,7 +17,7 @@ from typing import Any
 from ..actuators import NONLINEAR, fin_port, get
 from ..actuators.declaration import Actuator
 from ..actuators.positional import identifier
-from ..actuators.supply_line import Line
+from ..actuators.supply_line import SupplyLine
 from ..errors import EmcasError
 from ..parameters import ParameterSet, load_parameters
 from ..support.arguments import checked
@@ -27,7 +27,7 @@ MOST_FINS = 8
 SPELLINGS = ("structured", "flat")
 """Naming conventions of FMI: ``fin[2].fault.jam.begin`` or ``fin2_fault_jam_begin``."""
 LAYOUTS = ("plus", "cross")
-INPUTS = ("all", "minimal")
+INPUT_SETS = ("all", "minimal")
 """Inputs of an FMU: all inputs of the actuator, or command and load alone, with the others as tunable parameters."""
 CONNECTIONS = ("angle", "torque")
 """Result of an FMU: the fin's angle under a load, or the torque on a fin that the host models."""
@@ -39,7 +39,7 @@ _IDENTIFIER = re.compile(r"[A-Za-z_]\w{0,63}", re.ASCII)
 # In texts: a variable's name, or a group's prefix as in heat.*; and a fin's prefix.
 _NAME = re.compile(r"(?<!\w)[a-z_]\w*(?:\.[a-z_]\w*)*(?:\[\w\]|\.(?=\*))?")
 _OF_FIN = re.compile(r"\bfin\[\d\]\.?")
-VEHICLE = tuple(v.name for v in fin_port.MOTION)
+VEHICLE = tuple(v.name for v in fin_port.VEHICLE_MOTION)
 
 
 def _mixing(axis: str, along: str) -> Variable:
@@ -68,21 +68,21 @@ class FmuInterface:
     """The interface of an FMU of `fins` actuators of a `kind` (a name for :func:`emcas_fmu.actuators.get`).
 
     Names here are structured; names in the FMU have the `spelling` (:data:`SPELLINGS`). `connected` is one of
-    :data:`INPUTS`. An `own_identifier` replaces the model's name as model identifier. A variable's index in `variables`
-    is its value reference in FMI 2.0: inputs, outputs, parameters; each group begins with the shared variables,
-    followed by those of each fin in the actuator's order. Raises EmcasError for an invalid argument.
+    :data:`INPUT_SETS`. An `own_identifier` replaces the model's name as model identifier. A variable's index in
+    `variables` is its value reference in FMI 2.0: inputs, outputs, parameters; each group begins with the shared
+    variables, followed by those of each fin in the actuator's order. Raises EmcasError for an invalid argument.
     """
 
     fins: int
     kind: str = NONLINEAR
     spelling: str = SPELLINGS[0]
-    connected: str = INPUTS[0]
+    connected: str = INPUT_SETS[0]
     own_identifier: str | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.fins <= MOST_FINS:
             raise EmcasError(f"fins {self.fins}: an FMU has 1 to {MOST_FINS} fins")
-        for option, value, choices in (("names", self.spelling, SPELLINGS), ("inputs", self.connected, INPUTS)):
+        for option, value, choices in (("names", self.spelling, SPELLINGS), ("inputs", self.connected, INPUT_SETS)):
             if value not in choices:
                 raise EmcasError(f"{option} {value}: choose {' or '.join(choices)}")
         if self.own_identifier is not None and not _IDENTIFIER.fullmatch(self.own_identifier):
@@ -153,7 +153,7 @@ class FmuInterface:
         return VEHICLE if supply is None else (*VEHICLE, supply.input.name)
 
     @property
-    def line(self) -> Line | None:
+    def line(self) -> SupplyLine | None:
         """The supply line that several fins share; None for a single fin or without a supply."""
         supply = self.actuator.supply
         return None if supply is None or self.fins == 1 else supply.line

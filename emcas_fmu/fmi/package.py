@@ -21,7 +21,7 @@ from . import native, python
 from .description import about, terminals_and_icons, to_bytes
 from .documentation import documents
 from .format import FORMATS, Format
-from .interface import CONNECTIONS, INPUTS, SPELLINGS, FmuInterface, fin_sets, start_values
+from .interface import CONNECTIONS, INPUT_SETS, SPELLINGS, FmuInterface, fin_sets, start_values
 from .model_description import model_description
 from .references import reference_files
 
@@ -78,7 +78,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
           platforms: Sequence[str] | None = None, cc: str | None = None, progress: Progress | None = None,
           fins: int = 1, layout: str = "cross", files: Mapping[int, Path | str] | None = None, fmi: str | int = "2",
           references: bool = True, clock: bool = False, names: str = SPELLINGS[0], part: str | None = None,
-          scalars: bool = False, inputs: str = INPUTS[0], identifier: str | None = None,
+          scalars: bool = False, inputs: str = INPUT_SETS[0], identifier: str | None = None,
           interface: str = CONNECTIONS[0]) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
@@ -108,10 +108,10 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
             (fins == 1 and files, "files of single fins are for an FMU of several fins: set fins"),
             (interface not in CONNECTIONS, f"interface {interface}: choose {' or '.join(CONNECTIONS)}"),
             (part and torque, f"part {part} has no interface torque: leave one of them out"),
-            (inputs != INPUTS[0] and torque, f"inputs {inputs}: with interface torque the fin's motion is an input; "
-             "leave inputs out"),
-            (inputs != INPUTS[0] and part, f"inputs {inputs}: part {part} has the signals of the other part as inputs; "
-             "leave inputs out"),
+            (inputs != INPUT_SETS[0] and torque, f"inputs {inputs}: with interface torque the fin's motion is an "
+             "input; leave inputs out"),
+            (inputs != INPUT_SETS[0] and part, f"inputs {inputs}: part {part} has the signals of the other part as "
+             "inputs; leave inputs out"),
             ((part or torque) and fins > 1, f"{f'part {part}' if part else 'interface torque'} is for a single fin: "
              "leave fins out, and use an instance for each fin")):
         if refused:

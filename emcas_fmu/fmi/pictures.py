@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ..errors import BuildError
 from ..motions import STEP
 from ..parameters import ParameterSet, are_defaults
-from ..plotting.plots import INK, Picture, figure, panels, style, svg
+from ..plotting.plots import INK, Picture, figure, panel_grid, style, svg
 from ..plotting.traces import SHOWN, trace
 from ..reference import files
 from ..simulation import simulate
@@ -48,7 +48,7 @@ def _slew(parameters: ParameterSet) -> Figure:
     result = simulate(parameters.values, 0.25, step=0.5e-3, kernel="python", model=parameters.model,
                       fin_command=lambda t: limit if t > 0.01 else 0.0)
     shown = [name for name in ("fin_angle", "fin_rate", "motor_current", "motor_voltage") if name in result]
-    plot, grid = panels(len(shown), 2, "time [ms]", width=8.0, sharex=True)
+    plot, grid = panel_grid(len(shown), 2, "time [ms]", width=8.0, sharex=True)
     for axes, name in zip(grid, shown, strict=True):
         trace(axes, result, name, unit=1e3)
         axes.set_ylabel(SHOWN[name][0])

@@ -21,7 +21,7 @@ from ..actuators import get, parts
 from ..pages.page import page
 from ..parameters import ParameterError, ParameterSet
 from ..reference import files
-from ..reference.cases import CASES, STEP_AND_LOAD, TOLERANCE, Case
+from ..reference.cases import CASES, STEP_AND_LOAD, TOLERANCE, ReferenceCase
 from ..reference.plant import Plant
 from ..reference.responses import response, shipped
 from ..simulation import Array, simulate
@@ -35,7 +35,7 @@ FOLDER = f"extra/{NAME}"
 MANIFEST = "fmi-ls-manifest.xml"
 TEXT = "documentation/fmi-ls-ref.txt"
 EXPERIMENTS, PARAMETERS, TABLE = "application/x-ma-hs-experiments", "application/x-ssp-parameter-set", "text/csv"
-ROLES = {True: "validation", False: "smoke-test"}  # of experiments, by `Experiment.independent`
+ROLES = {True: "validation", False: "smoke-test"}  # of experiments, by `EmbeddedExperiment.independent`
 _SSP = "http://ssp-standard.org/SSP1/SystemStructure"
 
 _SHIPPED = ("step", "load_opposing", "cold", "sag")  # cases of a single fin, if their responses are stored
@@ -47,7 +47,7 @@ _DIGITS = 6
 
 
 @dataclass(frozen=True)
-class Experiment:
+class EmbeddedExperiment:
     """Start values and stimuli for an FMU, and the expected results, by names of variables, in SI.
 
     `stop_time` and `step` are in s. `independent` is whether the results are those of the independent integration.
@@ -65,8 +65,9 @@ class Experiment:
     """Largest difference [rad] between the fin angles in the results and those of this package's stepping."""
 
 
-def reference_files(interface: FmuInterface, sets: Sequence[ParameterSet], fmi: Format,
-                    progress: Progress = silent) -> tuple[dict[str, bytes], tuple[str, ...], tuple[Experiment, ...]]:
+def reference_files(
+        interface: FmuInterface, sets: Sequence[ParameterSet], fmi: Format, progress: Progress = silent,
+        ) -> tuple[dict[str, bytes], tuple[str, ...], tuple[EmbeddedExperiment, ...]]:
     """Return the references of an FMU whose fins have these parameters: files of the archive, warnings, experiments."""
     warnings: list[str] = []
     experiments = tuple(_experiments(interface, sets, fmi, warnings, progress))
@@ -74,7 +75,7 @@ def reference_files(interface: FmuInterface, sets: Sequence[ParameterSet], fmi: 
 
 
 def _experiments(interface: FmuInterface, sets: Sequence[ParameterSet], fmi: Format, warnings: list[str],
-                 progress: Progress) -> Iterator[Experiment]:
+                 progress: Progress) -> Iterator[EmbeddedExperiment]:
     chosen = _cases(sets)
     for done, (name, title, cases) in enumerate(chosen):
         progress(f"reference {name}", done, len(chosen))
@@ -83,14 +84,14 @@ def _experiments(interface: FmuInterface, sets: Sequence[ParameterSet], fmi: For
         except (ArithmeticError, ParameterError) as error:
             warnings.append(f"the FMU has no reference {name}, since it cannot be computed: {error}")
             continue
-        yield Experiment(
+        yield EmbeddedExperiment(
             name, title, cases[0].stop_time, cases[0].step, fmi.in_files(interface, [case.overrides for case in cases]),
             fmi.in_files(interface, [case.inputs() for case in cases]),
             fmi.in_files(interface, [_rounded(interface, columns) for columns, *_ in fins]),
             all(independent for _, independent, _ in fins), max(difference for *_, difference in fins))
 
 
-def _cases(sets: Sequence[ParameterSet]) -> list[tuple[str, str, list[Case]]]:
+def _cases(sets: Sequence[ParameterSet]) -> list[tuple[str, str, list[ReferenceCase]]]:
     """Return name, title and the fins' cases of each experiment."""
     by_name = {case.name: case for case in CASES}
     if len(sets) > 1:
@@ -111,8 +112,9 @@ def _plain(parameters: ParameterSet) -> ParameterSet:
     return ParameterSet(tuple(e for e in parameters.entries if e.variable.name in names), plain)
 
 
-def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tuple[Mapping[str, Array], bool, float]:
-    """Return the response in a case, whether it is integrated independently, and `Experiment.difference` [rad].
+def _response(parameters: ParameterSet, case: ReferenceCase, warnings: list[str],
+              ) -> tuple[Mapping[str, Array], bool, float]:
+    """Return the response in a case, whether it is integrated independently, and `difference` [rad].
 
     Raises ArithmeticError or ParameterError if the actuator's equations cannot be computed.
     """
@@ -144,7 +146,7 @@ def _difference(stepped: Mapping[str, Array], independent: Mapping[str, Array]) 
     return float(np.max(np.abs(stepped["fin_angle"] - independent["fin_angle"])))
 
 
-def _integrated(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
+def _integrated(parameters: ParameterSet, case: ReferenceCase) -> Mapping[str, Array]:
     """Return the outputs of the independent integration. Raises ValueError if a value is not finite."""
     computed = response(parameters, files.suited(case, parameters.model, parameters.values))
     columns = {name: np.asarray(computed[name], dtype=float)
@@ -154,7 +156,7 @@ def _integrated(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
     return columns
 
 
-def _stepped(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
+def _stepped(parameters: ParameterSet, case: ReferenceCase) -> Mapping[str, Array]:
     """Return the response by this package's stepping in Python; the FMUs of both back ends give the same bits."""
     inputs = case.inputs()
     del inputs["time"]
@@ -162,7 +164,7 @@ def _stepped(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
     return simulate(values, case.stop_time, case.step, "python", parameters.model, **inputs)
 
 
-def _files(interface: FmuInterface, experiments: Sequence[Experiment]) -> dict[str, bytes]:
+def _files(interface: FmuInterface, experiments: Sequence[EmbeddedExperiment]) -> dict[str, bytes]:
     listed: list[tuple[str, str, str, str, bytes]] = []  # name, type, role, description, content
     for independent, role in ROLES.items():
         if group := [each for each in experiments if each.independent is independent]:
@@ -194,7 +196,7 @@ def _files(interface: FmuInterface, experiments: Sequence[Experiment]) -> dict[s
             f"{FOLDER}/{MANIFEST}": to_bytes(manifest)}
 
 
-def _experiments_of(interface: FmuInterface, what: str, experiments: Sequence[Experiment]) -> Element:
+def _experiments_of(interface: FmuInterface, what: str, experiments: Sequence[EmbeddedExperiment]) -> Element:
     return element("Experiments", {"name": interface.model, "description": what}, (
         element("Experiment", {
             "name": each.name, "description": each.title, "startTime": "0", "stopTime": f"{each.stop_time:g}",
@@ -204,7 +206,7 @@ def _experiments_of(interface: FmuInterface, what: str, experiments: Sequence[Ex
                 element("References", {"source": f"{each.name}_ref.csv"})]) for each in experiments))
 
 
-def _parameter_set(experiment: Experiment) -> Element:
+def _parameter_set(experiment: EmbeddedExperiment) -> Element:
     def parameter(name: str, value: Any) -> Element:
         if isinstance(value, np.ndarray):  # SSP 1.0 has no arrays
             kind, text = "String", " ".join(str(each).lower() for each in value.tolist())

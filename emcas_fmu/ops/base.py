@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 Value = Any  # float, numpy.ndarray, casadi.SX or trace.Expr
 Thunk = Callable[[], tuple[Value, ...]]
+TINY = 1e-300  # instead of a divisor of 0
 
 
 class Ops(Protocol):

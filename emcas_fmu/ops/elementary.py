@@ -20,7 +20,7 @@ from typing import Protocol
 
 from .base import Ops, Value
 
-NAMES = ("exp", "log", "sin", "cos", "tan", "atan")
+FUNCTIONS = ("exp", "log", "sin", "cos", "tan", "atan")
 
 
 class Bits(Ops, Protocol):

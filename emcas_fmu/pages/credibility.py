@@ -17,13 +17,13 @@ from pydantic import TypeAdapter
 
 from .. import __version__
 from ..actuators import EXTENSIONS, FMU_ONLY, NONLINEAR, get, parts
-from ..parameters import IDENTIFIED, ParameterSet, Value
+from ..parameters import IDENTIFIED, ParameterSet, Scalar
 from ..reference.files import parameters_hash
 from .provenance import repeatable
 
 SCHEMA = "emcas-credibility/1"
 """Name and version of the JSON layout; the number changes when a field is removed or changes its meaning."""
-FILE = "documentation/credibility.json"
+CARD_FILE = "documentation/credibility.json"
 """Path of the card inside an FMU."""
 NOT_DONE = "not done here"
 USE = "In a 6-DOF simulation it turns fin commands and hinge moments into fin angles."
@@ -42,7 +42,7 @@ class Fact:
     """
 
     what: str
-    value: Value | str
+    value: Scalar | str
     unit: str = ""
     names: tuple[str, ...] = ()
     note: str = ""
@@ -50,7 +50,7 @@ class Fact:
 
 
 @dataclass(frozen=True)
-class Factor:
+class CredibilityFactor:
     """A factor of credibility, and the facts for it."""
 
     name: str
@@ -66,7 +66,7 @@ class Card:
     values_sha256: tuple[str, ...]
     use: str
     limits: tuple[str, ...]
-    factors: tuple[Factor, ...]
+    factors: tuple[CredibilityFactor, ...]
 
     @property
     def rows(self) -> list[tuple[str, Fact]]:
@@ -82,7 +82,7 @@ class Card:
         """Return the card with `facts` in the factor `name`; they replace facts of the same `what` but not commands."""
         new = {fact.what: fact for fact in facts}
 
-        def updated(factor: Factor) -> Factor:
+        def updated(factor: CredibilityFactor) -> CredibilityFactor:
             present = [replace(new.pop(f.what), command=f.command) if f.what in new else f for f in factor.facts]
             return replace(factor, facts=(*present, *new.values()))
 
@@ -164,7 +164,7 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
          *([f"It is without the extensions {', '.join(missing)}."] if missing else ()),
          *(() if runs else ["emcas report, validate, baseline and campaign cannot run this FMU: it does not have all "
                             "inputs of an actuator."]), *warnings),
-        tuple(Factor(name, tuple(facts)) for name, facts in factors.items()))
+        tuple(CredibilityFactor(name, tuple(facts)) for name, facts in factors.items()))
 
 
 def _sources(sets: Sequence[ParameterSet], settings: str, described: Sequence[bool]) -> Iterator[Fact]:

@@ -15,7 +15,7 @@ from ..errors import EmcasError, hint
 from ..variables import Variable
 from . import schema
 
-Value = float | int | bool
+Scalar = float | int | bool
 
 IDENTIFIED = "identified"
 """Source of a value that was identified from measurements."""
@@ -84,7 +84,7 @@ class Entry:
     """
 
     variable: Variable
-    value: Value
+    value: Scalar
     text: str
     source: str
     note: str
@@ -165,11 +165,11 @@ def _entry(variable: Variable, fields: Mapping[str, Any], source: str, file: str
                  fields.get("note", ""), file)
 
 
-def _value(variable: Variable, fields: Mapping[str, Any]) -> Value:
+def _value(variable: Variable, fields: Mapping[str, Any]) -> Scalar:
     """Return the value of a scalar in the variable's unit. Raises ValueError with the problem."""
     if variable.kind == "Boolean" and "unit" in fields and isinstance(fields["value"], bool):
         raise ValueError("true and false have no unit")
-    value: Value = schema.In.of(variable).number(fields["value"], fields.get("unit", ""))
+    value: Scalar = schema.In.of(variable).number(fields["value"], fields.get("unit", ""))
     limits = (variable.minimum, variable.maximum)
     value = next((type(value)(limit) for limit in limits if isclose(value, limit, rel_tol=_ROUNDING)), value)
     if not limits[0] <= value <= limits[1]:

@@ -216,7 +216,7 @@ class In:
         return core_schema.no_info_plain_validator_function(self.limited)
 
 
-Quantity = Annotated[Any, PlainValidator(lambda written, info: info.context.number(written))]
+WrittenNumber = Annotated[Any, PlainValidator(lambda written, info: info.context.number(written))]
 """A field in the unit of the validation context, which is an `In`; limits are not checked."""
 
 
@@ -234,14 +234,14 @@ def document(path: Path, error: type[EmcasError], number: Callable[[str], Any] =
 
 
 # Kinds of files, each by a table that no other kind has.
-_KINDS = {"tunables": "a tuning study; run it with `emcas tune FILE`",
-          "vary": "a campaign; run it with `emcas campaign FILE`",
-          "requirements": "a file of requirements; use it as `--requirements FILE`"}
+_PURPOSES = {"tunables": "a tuning study; run it with `emcas tune FILE`",
+             "vary": "a campaign; run it with `emcas campaign FILE`",
+             "requirements": "a file of requirements; use it as `--requirements FILE`"}
 
 
 def misplaced(contents: Mapping[str, Any], expected: str = "") -> str:
     """Return the kind of a file in words if it is another kind than that with the `expected` table; otherwise ""."""
-    return next((f"is {kind}" for key, kind in _KINDS.items() if key in contents and key != expected), "")
+    return next((f"is {kind}" for key, kind in _PURPOSES.items() if key in contents and key != expected), "")
 
 
 def _check_contents(contents: Mapping[str, Any]) -> None:

@@ -35,7 +35,7 @@ from .entries import (
     IDENTIFIED,
     Entry,
     ParameterError,
-    Value,
+    Scalar,
     as_text,
     declared_names,
     in_variables_unit,
@@ -79,7 +79,7 @@ class ParameterSet:
         return get(self.model)
 
     @property
-    def values(self) -> Mapping[str, Value]:
+    def values(self) -> Mapping[str, Scalar]:
         """Values by name in the variables' units (SI, temperature in degC); read-only."""
         return MappingProxyType({e.variable.name: e.value for e in self.entries})
 
@@ -377,6 +377,6 @@ def _entry_line(key: str, entries: Sequence[Entry]) -> str:
     first, values = entries[0], [e.value for e in entries]
     unit = {} if first.variable.kind == "Boolean" else {"unit": first.variable.unit}
     texts = {name: text for name, text in (("source", first.source), ("note", first.note)) if text}
-    return f"{key} = {toml.value({'value': values if len(values) > 1 else values[0], **unit, **texts})}"
+    return f"{key} = {toml.literal({'value': values if len(values) > 1 else values[0], **unit, **texts})}"
 
 

@@ -11,17 +11,17 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["entry", "table", "tomllib", "value"]
+__all__ = ["entry", "literal", "table", "tomllib"]
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
-def value(written: Any) -> str:
+def literal(written: Any) -> str:
     """Return a text, number, truth value, list or table on one line."""
     if isinstance(written, Mapping):
         return f"{{ {', '.join(entry(*each) for each in written.items())} }}"
     if isinstance(written, (list, tuple)):
-        return f"[{', '.join(map(value, written))}]"
+        return f"[{', '.join(map(literal, written))}]"
     if isinstance(written, str):  # as in JSON, but with DEL escaped; UTF-8 has no half surrogate pairs
         text = json.dumps(written.encode(errors="replace").decode(), ensure_ascii=False)
         return text.replace("\x7f", "\\u007f")
@@ -30,7 +30,7 @@ def value(written: Any) -> str:
 
 def entry(name: str, written: Any) -> str:
     """Return the line of a key, quoted if necessary, and its value."""
-    return f"{name if _BARE.fullmatch(name) else value(name)} = {value(written)}"
+    return f"{name if _BARE.fullmatch(name) else literal(name)} = {literal(written)}"
 
 
 def table(name: str, entries: Mapping[str, Any]) -> str:

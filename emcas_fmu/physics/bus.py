@@ -34,14 +34,14 @@ from ..namespace import namespace
 from ..ops.base import Ops, Value
 from . import supply
 
-LEAST = 1e-3  # V, V_0 of a source with a higher voltage
+LEAST_VOLTAGE = 1e-3  # V, V_0 of a source with a higher voltage
 NO_LINK = -1.0  # V, state of a link that does not exist or has not been stepped yet
 EMPTY = 1e-6  # smallest remaining share of the charge for which the open-circuit voltage is computed
 
 
 def voltage(ops: Ops, source: Value, sag: Value, link: Value, _: Value) -> Value:
     """Return V [V], at least V_0: that of the link or, without a link, the voltage of the source minus the sag."""
-    least = ops.clip(source, 0.0, LEAST)
+    least = ops.clip(source, 0.0, LEAST_VOLTAGE)
     return ops.where(link < 0.0, ops.maximum(source - sag, least), ops.maximum(link, least))
 
 

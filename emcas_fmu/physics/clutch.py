@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from ..ops.base import Ops, Value
 
-LEAST = 0.1  # smallest k_T
+LEAST_FACTOR = 0.1  # smallest k_T
 _BAND = 1e-9  # a demand is limited if it exceeds a limit by more than this share of the limit
 
 
@@ -78,7 +78,8 @@ def torque_per_ampere(p: Any) -> Value:
 
 def share_at(ops: Ops, p: Any, temperature: Value) -> Value:
     """Return k_T [-], the ratio of the torque at a temperature [degC] to that at the reference temperature."""
-    return ops.maximum(1.0 + p.clutch.temperature_coefficient * (temperature - p.clutch.reference_temperature), LEAST)
+    change = p.clutch.temperature_coefficient * (temperature - p.clutch.reference_temperature)
+    return ops.maximum(1.0 + change, LEAST_FACTOR)
 
 
 def capacity(p: Any, flux: Value, share: Value = 1.0) -> Value:

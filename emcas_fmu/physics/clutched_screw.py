@@ -42,7 +42,7 @@ class Train(NamedTuple):
     backward: Value
 
 
-class Motion(NamedTuple):
+class Directions(NamedTuple):
     """Directions of sliding (-1, 1, or 0: sticks) of screw, rotor and clutch, and the present e (`felt`).
 
     The slip of the clutch is the rotor's speed minus the screw's.
@@ -58,7 +58,7 @@ def _along(ops: Ops, pair: tuple[Value, Value], direction: Value) -> Value:
     return ops.where(direction > 0.0, pair[0], pair[1])
 
 
-def _driving(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value, Value]:
+def _driving(ops: Ops, t: Train, m: Directions) -> tuple[Value, Value, Value]:
     """Return torque [N.m] and inertia [kg.m2] of the screw's motion, and the rotor's torque without the clutch."""
     rotor = t.rotor_torque - m.rotor * t.dry
     joined = ops.equal(m.clutch, 0.0)
@@ -66,14 +66,14 @@ def _driving(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value, Value]:
     return net, t.screw + ops.where(joined, t.rotor, 0.0), rotor
 
 
-def _with_load_factor(ops: Ops, t: Train, m: Motion) -> Motion:
+def _with_load_factor(ops: Ops, t: Train, m: Directions) -> Directions:
     """Return the motion with its e: the forward value if the screw drives the load, else the backward one."""
     net, inertia, _ = _driving(ops, t, m)
     against = (t.behind_inertia * net + inertia * _along(ops, t.load, m.screw)) * m.screw > 0.0
     return m._replace(felt=ops.where(against, t.forward, t.backward))
 
 
-def accelerations(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value]:
+def accelerations(ops: Ops, t: Train, m: Directions) -> tuple[Value, Value]:
     """Return d/dt of the speeds of screw and rotor [rad/s2], equal while the clutch holds."""
     net, inertia, rotor = _driving(ops, t, m)
     screw_rate = (net - m.felt * _along(ops, t.load, m.screw)) / (inertia + m.felt * t.behind_inertia)
@@ -82,7 +82,7 @@ def accelerations(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value]:
     return screw_rate, ops.where(ops.equal(m.clutch, 0.0), screw_rate, rotor_rate)
 
 
-def transmitted(ops: Ops, t: Train, m: Motion) -> Value:
+def transmitted(ops: Ops, t: Train, m: Directions) -> Value:
     """Return the load L [N.m] behind a screw that turns."""
     rate, _ = accelerations(ops, t, m)
     return t.behind_inertia * rate + _along(ops, t.load, m.screw)
@@ -94,7 +94,7 @@ def _between(ops: Ops, t: Train) -> tuple[Value, Value]:
     return (ops.maximum(t.rotor_torque - t.dry, t.low - applied), ops.minimum(t.rotor_torque + t.dry, t.high - applied))
 
 
-def held(ops: Ops, t: Train, m: Motion) -> Value:
+def held(ops: Ops, t: Train, m: Directions) -> Value:
     """Return F [N.m] of a clutch that holds. With both bodies at rest F is not unique: return the one nearest to 0."""
     rate, _ = accelerations(ops, t, m)
     least, most = _between(ops, t)
@@ -102,31 +102,31 @@ def held(ops: Ops, t: Train, m: Motion) -> Value:
     return ops.where(ops.equal(m.screw, 0.0), resting, t.rotor_torque - m.rotor * t.dry - t.rotor * rate)
 
 
-def torque(ops: Ops, t: Train, m: Motion) -> Value:
+def torque(ops: Ops, t: Train, m: Directions) -> Value:
     """Return the clutch's torque F [N.m]."""
     return ops.where(ops.equal(m.clutch, 0.0), ops.clip(held(ops, t, m), -t.capacity, t.capacity),
                      m.clutch * t.capacity)
 
 
-def motion(ops: Ops, t: Train, screw_speed: Value, rotor_speed: Value) -> Motion:
+def motion(ops: Ops, t: Train, screw_speed: Value, rotor_speed: Value) -> Directions:
     """Return the motion at speeds of screw and rotor [rad/s]."""
     turns, slip = ops.sign(screw_speed), ops.sign(rotor_speed - screw_speed)
     # Rotor and screw as one body, which the frictions of both hold at rest.
     applied = t.screw_torque + t.behind + t.rotor_torque
     starts = start(ops, applied, t.high + t.dry, t.low - t.dry)
     way = ops.where(ops.equal(turns, 0.0), starts, turns)
-    joined = _with_load_factor(ops, t, Motion(way, way, 0.0, 0.0))
+    joined = _with_load_factor(ops, t, Directions(way, way, 0.0, 0.0))
     slip = ops.where(ops.equal(slip, 0.0), start(ops, held(ops, t, joined), t.capacity, -t.capacity), slip)
     # Rotor and screw as two bodies, under the torque of the slipping clutch.
     pushed = slip * t.capacity
     screw_way = ops.where(ops.equal(turns, 0.0), start(ops, t.screw_torque + t.behind + pushed, t.high, t.low), turns)
     rotor_way = ops.sign(rotor_speed)
     rotor_way = ops.where(ops.equal(rotor_way, 0.0), start(ops, t.rotor_torque - pushed, t.dry, -t.dry), rotor_way)
-    apart = _with_load_factor(ops, t, Motion(screw_way, rotor_way, slip, 0.0))
-    return Motion(*(ops.where(ops.equal(slip, 0.0), one, other) for one, other in zip(joined, apart, strict=True)))
+    apart = _with_load_factor(ops, t, Directions(screw_way, rotor_way, slip, 0.0))
+    return Directions(*(ops.where(ops.equal(slip, 0.0), one, other) for one, other in zip(joined, apart, strict=True)))
 
 
-def margins(ops: Ops, t: Train, m: Motion, screw_speed: Value, rotor_speed: Value) -> dict[str, Value]:
+def margins(ops: Ops, t: Train, m: Directions, screw_speed: Value, rotor_speed: Value) -> dict[str, Value]:
     """Return the event margins by name: sliding speeds [rad/s], reserves of sticking frictions and load [N.m], or 1."""
     joined = ops.equal(m.clutch, 0.0)
     screw_rests, rotor_rests = ops.equal(m.screw, 0.0), ops.equal(m.rotor, 0.0)
@@ -142,7 +142,7 @@ def margins(ops: Ops, t: Train, m: Motion, screw_speed: Value, rotor_speed: Valu
             "clutch": ops.where(rests, 1.0, clutch), "load": ops.where(screw_rests, 1.0, load)}
 
 
-def landed(ops: Ops, m: Motion, begin: tuple[Value, Value], end: tuple[Value, Value], events: Any
+def landed(ops: Ops, m: Directions, begin: tuple[Value, Value], end: tuple[Value, Value], events: Any
            ) -> tuple[Value, Value]:
     """Return the speeds [rad/s] of screw and rotor after a step, equal to the bit if the clutch sticks.
 

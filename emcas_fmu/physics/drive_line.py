@@ -36,7 +36,7 @@ MET = 1e-9  # rad at the motor, 1e-12 m at the nut
 _NO_ROTOR = {"inertia.motor": 0.0, "inertia.screw": 0.0, "mass.nut": 0.0}
 
 
-class Line(NamedTuple):
+class DriveLine(NamedTuple):
     """A drive line at the motor: K [N.m/rad], D [N.m.s/rad], g/2 [rad], C_s/C [-], and whether it has a gap."""
 
     stiffness: Value
@@ -67,7 +67,7 @@ def rigid(ops: Ops, p: Any) -> Value:
     return ops.both(stiff, ops.equal(p.drive_line.backlash, 0.0))
 
 
-def line(ops: Ops, p: Any, angle: Value) -> Line:
+def line(ops: Ops, p: Any, angle: Value) -> DriveLine:
     """Return the drive line at a fin angle referred to the motor [rad]; not valid for a rigid line."""
     parts, square = p.drive_line, p.screw.lead * p.screw.lead
     structure = structure_compliance(p)
@@ -83,10 +83,10 @@ def line(ops: Ops, p: Any, angle: Value) -> Line:
     damping = (parts.torsional_damping * torsional * torsional + parts.axial_damping * square * axial * axial
                + parts.contact_damping * square * contact_share * contact_share
                + parts.hinge_damping / square_ratio * hinge_share * hinge_share)
-    return Line(stiffness, damping, 0.5 * parts.backlash / p.screw.lead, structure * stiffness, loose)
+    return DriveLine(stiffness, damping, 0.5 * parts.backlash / p.screw.lead, structure * stiffness, loose)
 
 
-def pressed(ops: Ops, c: Line, deflection: Value, rate: Value) -> tuple[Value, Value]:
+def pressed(ops: Ops, c: DriveLine, deflection: Value, rate: Value) -> tuple[Value, Value]:
     """Return whether a flank presses, and the deflection [rad] at which it begins to press: +-g/2, 0 if preloaded."""
     def on(side: float) -> Value:
         beyond = side * deflection - c.half_gap
@@ -99,17 +99,17 @@ def pressed(ops: Ops, c: Line, deflection: Value, rate: Value) -> tuple[Value, V
     return ops.either(ops.negate(c.loose), ops.either(upper, lower)), flank
 
 
-def least(c: Line) -> Value:
+def least(c: DriveLine) -> Value:
     """Return the torque [N.m] below which a flank counts as separated: that of the deflection MET."""
     return c.stiffness * MET
 
 
-def torque(c: Line, deflection: Value, rate: Value, flank: Value) -> Value:
+def torque(c: DriveLine, deflection: Value, rate: Value, flank: Value) -> Value:
     """Return the torque f [N.m, at the motor] from rotor to fin while a flank presses."""
     return c.stiffness * (deflection - flank) + c.damping * rate
 
 
-def nut_lag(ops: Ops, c: Line, deflection: Value) -> Value:
+def nut_lag(ops: Ops, c: DriveLine, deflection: Value) -> Value:
     """Return the part of the deflection [rad at the motor] before the nut: that of shaft and screw."""
     beyond = deflection - ops.clip(deflection, -c.half_gap, c.half_gap)
     return c.structure * beyond

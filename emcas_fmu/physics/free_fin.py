@@ -10,10 +10,8 @@ from __future__ import annotations
 from typing import Any
 
 from ..namespace import Record, with_values
-from ..ops.base import Ops, Value
+from ..ops.base import TINY, Ops, Value
 from . import mechanics
-
-_TINY = 1e-300
 
 
 def moment(ops: Ops, p: Any, angle: Value, u: Record) -> Value:
@@ -39,7 +37,7 @@ def advance(ops: Ops, p: Any, angle: Value, rate: Value, u: Record, h: Value) ->
     torque = moment(ops, p, angle + 0.5 * h * rate, u)
     first = _acceleration(ops, p, torque, rate, h)
     turns = rate * (rate + h * first) < 0.0
-    until = ops.where(turns, ops.clip(-rate / ops.where(ops.fabs(first) > _TINY, first, _TINY), 0.0, h), h)
+    until = ops.where(turns, ops.clip(-rate / ops.where(ops.fabs(first) > TINY, first, TINY), 0.0, h), h)
     middle = angle + until * (rate + 0.5 * until * first)
     there = ops.where(turns, 0.0, rate + until * first)
     rest = h - until

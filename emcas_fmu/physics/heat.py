@@ -23,11 +23,11 @@ from ..namespace import with_values
 from ..ops.base import Ops, Value
 
 FOLDING = 0.9  # F, the I2t load from which the limit folds back
-LEAST = 0.1  # smallest R/R_0 and K_t/K_t0
+LEAST_FACTOR = 0.1  # smallest R/R_0 and K_t/K_t0
 
 
 def _linear(ops: Ops, p: Any, coefficient: Value, temperature: Value) -> Value:
-    return ops.maximum(1.0 + coefficient * (temperature - p.heat.reference_temperature), LEAST)
+    return ops.maximum(1.0 + coefficient * (temperature - p.heat.reference_temperature), LEAST_FACTOR)
 
 
 def resistance(ops: Ops, p: Any, winding: Value) -> Value:

@@ -42,14 +42,13 @@ from __future__ import annotations
 from math import pi, sqrt
 from typing import Any, NamedTuple
 
-from ..ops.base import Ops, Value
+from ..ops.base import TINY, Ops, Value
 from . import drive
 
 _FUNDAMENTAL = 4.0 * sqrt(3.0) / pi
 IN_SERIES = 2.0 / _FUNDAMENTAL
 """Ratio [-] of the voltage that two phases in series lose, 2 V t_d f, to V_d."""
 _RIPPLE = 1.0 / 16.0
-_TINY = 1e-300
 _RECTIFIED = pi / 3.0
 _REACTIVE = 0.8
 _LINE = 2.0 * sqrt(3.0) / pi
@@ -77,7 +76,7 @@ def _within_ripple(p: Any) -> Value:
 
 def dead_resistance(ops: Ops, p: Any, supply: Value, current: Value) -> Value:
     """Return the resistance [Ohm] that is equivalent to the dead time at a current [A] and a supply [V]."""
-    return ops.minimum(dead_voltage(ops, p, supply) / ops.maximum(ops.fabs(current), _TINY), _within_ripple(p))
+    return ops.minimum(dead_voltage(ops, p, supply) / ops.maximum(ops.fabs(current), TINY), _within_ripple(p))
 
 
 def settled(ops: Ops, p: Any, supply: Value, source: Value, resistance: Value) -> Value:
@@ -104,10 +103,10 @@ def diodes(ops: Ops, p: Any, supply: Value, speed: Value) -> Diodes:
     squared_impedance = resistance * resistance + reactance * reactance
     root = ops.sqrt(ops.maximum(squared_impedance * emf * emf - reactance * reactance * line * line, 0.0))
     active = (reactance * reactance * line + resistance * root) / squared_impedance  # V_1 + R I
-    ratio = ops.maximum(emf / ops.maximum(active, _TINY), 1.0)
+    ratio = ops.maximum(emf / ops.maximum(active, TINY), 1.0)
     loss = ratio * ratio * resistance
 
-    share = ops.clip((emf - _FITTED * supply) / ops.maximum((_CONTINUOUS - _FITTED) * supply, _TINY), 0.0, 1.0)
+    share = ops.clip((emf - _FITTED * supply) / ops.maximum((_CONTINUOUS - _FITTED) * supply, TINY), 0.0, 1.0)
     return Diodes(*((1.0 - share) * low + share * high for low, high in
                     ((start, ratio * line), (fitted, loss), (resistance, loss))))
 

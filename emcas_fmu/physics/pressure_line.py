@@ -28,7 +28,7 @@ from typing import Any
 
 from ..ops.base import Ops, Value
 
-LEAST = 1e3  # Pa, smallest pressure
+LEAST_PRESSURE = 1e3  # Pa, smallest pressure
 EMPTY = 0.01  # ratio of the compliance with an empty accumulator to that at the precharge
 LEAST_COMPLIANCE = 1e-16  # m3/Pa, that of less than a cubic centimetre of oil: a line is never rigid
 AT_SOURCE = -1.0  # state of a line that has not been stepped yet: its pressure is p_set
@@ -49,7 +49,7 @@ def compliance(ops: Ops, line: Any, at: Value) -> Value:
 
 def next_pressure(ops: Ops, line: Any, source: Value, state: Value, drawn: Value) -> Value:
     """Return the pressure [Pa] after an update of the line; `source` is p_set [Pa], `drawn` Q [m3/s]."""
-    p, h = ops.maximum(pressure(ops, source, state), LEAST), line.update_time
+    p, h = ops.maximum(pressure(ops, source, state), LEAST_PRESSURE), line.update_time
     slope = ops.fabs(drawn) / p
     storage = compliance(ops, line, p) / h  # flow [m3/s] per change of pressure [Pa]
     flow = storage * p + slope * p - drawn
@@ -58,4 +58,4 @@ def next_pressure(ops: Ops, line: Any, source: Value, state: Value, drawn: Value
     regulated = (flow + line.pump_gain * source) / (storage + slope + line.pump_gain)
     reached = ops.maximum(no_flow, ops.minimum(regulated, full))
     stopped = ops.where(p < line.precharge_pressure, ops.minimum(reached, line.precharge_pressure), reached)
-    return ops.maximum(stopped, LEAST)
+    return ops.maximum(stopped, LEAST_PRESSURE)

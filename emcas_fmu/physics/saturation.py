@@ -17,13 +17,13 @@ from typing import Any
 from ..namespace import with_values
 from ..ops.base import Ops, Value
 
-LEAST = 2.0 / 3.0  # smallest k
+LEAST_FACTOR = 2.0 / 3.0  # smallest k
 
 
 def constants_left(ops: Ops, p: Any, square: Value) -> Value:
     """Return k [-], the share of both constants that remains, for the square of a current [A^2]."""
     s = p.saturation
-    return ops.maximum(1.0 - s.share * square / (s.current * s.current), LEAST)
+    return ops.maximum(1.0 - s.share * square / (s.current * s.current), LEAST_FACTOR)
 
 
 def saturated(ops: Ops, p: Any, square: Value) -> Any:

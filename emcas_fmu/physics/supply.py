@@ -15,10 +15,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..ops.base import Ops, Value
+from ..ops.base import TINY, Ops, Value
 
 _FAR = 1e30  # V, distance to an edge that is not ahead
-_TINY = 1e-300
 
 
 def tripped(ops: Ops, p: Any, link: Value, before: Value) -> Value:
@@ -85,7 +84,7 @@ def _to_edge(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value
     meets = way > ahead
 
     def on_the_way() -> tuple[Value, ...]:
-        rest = ops.maximum(1.0 - rate * ahead / speed, _TINY)
+        rest = ops.maximum(1.0 - rate * ahead / speed, TINY)
         time = ops.where(rate > 0.0, -ops.log(rest) / divisor, ahead / speed)
         return edge, ops.maximum(h - time, 0.0)
 

@@ -21,7 +21,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, NullFormatter
 from matplotlib.transforms import Transform
 
-from .thinning import Values, packed, rounded, share, thinned
+from .thinning import Column, packed, rounded, share, thinned
 
 INK = "#010203"
 """Placeholder for the page's text colour."""
@@ -130,7 +130,7 @@ class _Contents:
         else:
             raise _StaticError
 
-    def _points(self, x: Values, y: Values, markers: bool) -> dict[str, Any]:
+    def _points(self, x: Column, y: Column, markers: bool) -> dict[str, Any]:
         """Return a line's points: with `markers` those in view; otherwise all, thinned if x never falls."""
         (log_x, limits_x), (log_y, limits_y) = self.scales
         finite = np.isfinite(x) & np.isfinite(y) & ~((x <= 0.0) & log_x) & ~((y <= 0.0) & log_y)
@@ -144,7 +144,7 @@ class _Contents:
         points: dict[str, Any] = self._packed(np.where(finite, x, np.nan)[rows], np.where(finite, y, np.nan)[rows])
         return points if rising else {**points, "loop": True}
 
-    def _packed(self, x: Values, y: Values) -> dict[str, Any]:
+    def _packed(self, x: Column, y: Column) -> dict[str, Any]:
         return {name: packed(values, *scale) for name, values, scale in zip("xy", (x, y), self.scales, strict=True)}
 
     def _fill(self, artist: Rectangle | PolyCollection) -> None:

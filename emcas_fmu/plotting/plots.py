@@ -36,7 +36,7 @@ COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
 GRAY = "#8a8f98"
 # Matplotlib lays out text in DejaVu Sans. The other fonts are not wider, so no text is cut.
 FONTS = "'DejaVu Sans', Verdana, 'Liberation Sans', Arial, Helvetica, sans-serif"
-COMMAND: Mapping[str, Any] = {"color": GRAY, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 1.5}
+COMMAND_STYLE: Mapping[str, Any] = {"color": GRAY, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 1.5}
 LIMIT: Mapping[str, Any] = {"color": GRAY, "linewidth": 0.9, "linestyle": (0, (1, 1.2)), "zorder": 1.5}
 REQUIRED: Mapping[str, Any] = {**LIMIT, "color": PURPLE, "linewidth": 1.1}
 
@@ -81,7 +81,7 @@ def column(*y: str, x: str = "", **more: Any) -> tuple[Figure, Any]:
     return empty, grid[:, 0]
 
 
-def panels(count: int, columns: int, x: str = "", **more: Any) -> tuple[Figure, list[Any]]:
+def panel_grid(count: int, columns: int, x: str = "", **more: Any) -> tuple[Figure, list[Any]]:
     """Return a figure of `count` panels in rows of `columns`, with `x` below each column, and axes; see `figure`."""
     empty, grid = figure(-(-count // columns), columns, **more)
     for axes in grid.flat[count:]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Values = NDArray[np.float64]
+Column = NDArray[np.float64]
 
 # Resolution of a screen after a tenfold zoom, as a share of an axis.
 _FINEST = 1.0 / 20_000.0
@@ -20,15 +20,15 @@ def rounded(value: float, digits: int = 6) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def share(values: Values, log: bool, limits: Sequence[float]) -> Values:
+def share(values: Column, log: bool, limits: Sequence[float]) -> Column:
     """Return positions [1] of values along an axis, 0 and 1 at its `limits` in the values' unit; `log`: logarithmic."""
     low, high = (np.log10(limits) if log else np.asarray(limits, dtype=float))
     with np.errstate(divide="ignore", invalid="ignore"):
-        shares: Values = ((np.log10(values) if log else values) - low) / ((high - low) or 1.0)
+        shares: Column = ((np.log10(values) if log else values) - low) / ((high - low) or 1.0)
     return shares
 
 
-def thinned(x: Values, y: Values, finite: NDArray[np.bool_]) -> list[int]:
+def thinned(x: Column, y: Column, finite: NDArray[np.bool_]) -> list[int]:
     """Return the indices of the points that reproduce a line within the resolution (swinging door); x must not fall.
 
     `x` and `y` are shares [1] of the axes. Points outside 0 <= x <= 1 are dropped, except the nearest on each side. Of
@@ -46,7 +46,7 @@ def thinned(x: Values, y: Values, finite: NDArray[np.bool_]) -> list[int]:
     return kept
 
 
-def _thinned_piece(x: Values, y: Values, begin: int, end: int) -> list[int]:
+def _thinned_piece(x: Column, y: Column, begin: int, end: int) -> list[int]:
     """Return the indices to keep among the finite points `begin` to `end` - 1."""
     kept = [begin]
     low, high = -inf, inf  # range of the slopes of lines from the last kept point that pass all points after it
@@ -66,7 +66,7 @@ def _thinned_piece(x: Values, y: Values, begin: int, end: int) -> list[int]:
     return kept if kept[-1] == end - 1 else [*kept, end - 1]
 
 
-def packed(values: Values, log: bool, limits: Sequence[float]) -> list[Any]:
+def packed(values: Column, log: bool, limits: Sequence[float]) -> list[Any]:
     """Return values for JSON, with None for values that are not finite.
 
     On a logarithmic axis (`log`) they are numbers of five digits. On a linear axis with these `limits` the list has a

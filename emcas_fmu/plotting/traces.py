@@ -39,7 +39,7 @@ def trace(axes: Axes, columns: Mapping[str, Any], name: str, window: tuple[float
     """
     at = _within(columns, window)
     at = at[::max(every, len(at) // _MOST_POINTS)]
-    command = {"label": "command", "drawstyle": "steps-post", **plots.COMMAND} if name == "fin_command" else {}
+    command = {"label": "command", "drawstyle": "steps-post", **plots.COMMAND_STYLE} if name == "fin_command" else {}
     axes.plot((columns["time"][at] - zero) * unit, columns[name][at] * SHOWN[name][1], **{**command, **look})
 
 

@@ -15,17 +15,17 @@ import numpy as np
 
 from . import events
 from .controllers import Bus
-from .events import Accuracy, Array, Body, Event, State, Value
+from .events import Accuracy, Array, Body, Event, Scalar, StateVector
 from .vehicle import INPUTS_AT_REST, Surroundings, as_built, clip, surroundings
 
 DIGITS = 12  # decimals of a second to which instants are rounded: coinciding instants are then equal
 
-Sample = Callable[[State, float, bool], float]
+Sample = Callable[[StateVector, float, bool], float]
 """Function of state, command [rad] and enable signal that returns the controllers' output [V or 1]; called once per
 sample."""
 
 
-class Actuator(ABC):
+class ReferenceActuator(ABC):
     """One actuator with its parameters `p`: equations for each mode, and the events that end a mode."""
 
     accuracy: Accuracy
@@ -37,10 +37,10 @@ class Actuator(ABC):
     bodies: tuple[Body, ...] = ()
 
     @abstractmethod
-    def __init__(self, parameters: Mapping[str, Value]): ...
+    def __init__(self, parameters: Mapping[str, Scalar]): ...
 
     @abstractmethod
-    def start(self) -> tuple[State, Any]:
+    def start(self) -> tuple[StateVector, Any]:
         """Return the state and the mode at the start, at rest at the start angle."""
 
     @abstractmethod
@@ -48,15 +48,15 @@ class Actuator(ABC):
         """Return the controllers in their start state; they compute with the `nominal` actuator."""
 
     @abstractmethod
-    def outputs(self, y: State, around: Surroundings) -> Sequence[float]:
+    def outputs(self, y: StateVector, around: Surroundings) -> Sequence[float]:
         """Return the outputs [SI] at a state, in the order of `names`, without the controllers' output."""
 
     @abstractmethod
-    def slope(self, y: State, mode: Any, around: Surroundings) -> Sequence[float]:
+    def slope(self, y: StateVector, mode: Any, around: Surroundings) -> Sequence[float]:
         """Return d/dt of the state [SI/s] in a mode."""
 
     @classmethod
-    def simulate(cls, parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> dict[str, Array]:
+    def simulate(cls, parameters: Mapping[str, Scalar], inputs: Mapping[str, Array]) -> dict[str, Array]:
         """Simulate one actuator and return `time` [s] and its outputs [SI] at the rows.
 
         `inputs` contains the row times `time` [s], from 0, and any input columns [SI], named as in the interface. A row
@@ -97,11 +97,11 @@ class Actuator(ABC):
         current = self.p["drive.current_gain"] * reference + self.p["drive.current_offset"]
         return surroundings(self.p, row, clip(current, self.p["drive.current_limit"]), self.supply[0])
 
-    def admit(self, y: State, mode: Any, around: Surroundings) -> Any:
+    def admit(self, y: StateVector, mode: Any, around: Surroundings) -> Any:
         """Return the mode after a jump of the surroundings; may correct the state in place."""
         return self.settled(y, mode, around)
 
-    def settled(self, y: State, mode: Any, around: Surroundings) -> Any:
+    def settled(self, y: StateVector, mode: Any, around: Surroundings) -> Any:
         """Return the mode in which each body at rest starts if nothing holds it; called after every event and jump."""
         for body in self.bodies:
             if not getattr(mode, body.field):

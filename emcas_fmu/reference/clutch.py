@@ -12,10 +12,10 @@ from collections.abc import Mapping
 from operator import itemgetter
 from typing import Any, NamedTuple
 
-from .actuator import Actuator, Sample
+from .actuator import ReferenceActuator, Sample
 from .coil import Coil
 from .controllers import Controllers
-from .events import Accuracy, Body, Changes, Event, State, switch
+from .events import Accuracy, Body, Changes, Event, StateVector, switch
 from .screw import Screw
 from .vehicle import Surroundings, sign
 
@@ -40,7 +40,7 @@ class Mode(NamedTuple):
         return self.slip_1, self.slip_2
 
 
-class Clutches(Actuator):
+class Clutches(ReferenceActuator):
     """Motor, both clutches, screw and fin."""
 
     accuracy = Accuracy(1e-10, (1e-2, 1.0, 10.0, 0.1, 0.1, 0.1, 0.1, 10.0), 5e-4)
@@ -67,7 +67,7 @@ class Clutches(Actuator):
                     lambda y, mode, around, side: side * self.locked(y, mode, k, around)[2] - self.coils[k].limit(y),
                     {MOTOR: lambda y, _: TURNS[k] * self.screw.ratio(y[FIN]) * y[RATE]})
 
-    def start(self) -> tuple[State, Mode]:
+    def start(self) -> tuple[StateVector, Mode]:
         p, bias = self.p, self.p["clutch.bias_current"]
         return ([p["fin.start_angle"], 0.0, p["motor.start_speed"], bias, bias, bias, bias, p["friction.temperature"]],
                 Mode())
@@ -77,10 +77,10 @@ class Clutches(Actuator):
         loops = Controllers(self.screw, nominal.screw)
         return lambda y, command, enable: loops.sample(y[FIN], y[RATE], command, enable, y[COIL_1] - y[COIL_2])
 
-    def outputs(self, y: State, _around: Surroundings) -> tuple[float, ...]:
+    def outputs(self, y: StateVector, _around: Surroundings) -> tuple[float, ...]:
         return *y[:FLUX_1], y[TEMPERATURE]
 
-    def slips(self, y: State) -> tuple[float, float]:
+    def slips(self, y: StateVector) -> tuple[float, float]:
         """Return the sliding speeds [rad/s] of both clutches: speed of the driving half minus speed of the screw."""
         speed = self.screw.ratio(y[FIN]) * y[RATE]
         return y[MOTOR] - speed, -y[MOTOR] - speed
@@ -92,11 +92,11 @@ class Clutches(Actuator):
         net, bias = around.reference, self.p["clutch.bias_current"]
         return self.p["coil.connected_1"] * (bias + max(net, 0.0)), bias + max(-net, 0.0)
 
-    def surplus(self, y: State, around: Surroundings) -> float:
+    def surplus(self, y: StateVector, around: Surroundings) -> float:
         """Return the supply voltage minus the motor's back-EMF [V]."""
         return around.supply - self.p["motor.back_emf_constant"] * y[MOTOR]
 
-    def _loads(self, y: State, mode: Mode, around: Surroundings, without: int = -1) -> tuple[float, float]:
+    def _loads(self, y: StateVector, mode: Mode, around: Surroundings, without: int = -1) -> tuple[float, float]:
         """Return the moment on the fin and the torque on the motor [N.m].
 
         The clutch with index `without` and the friction of a resting screw are omitted.
@@ -118,7 +118,7 @@ class Clutches(Actuator):
     def _inertia(self, ratio: float) -> float:
         return self.screw.fin_inertia + self.screw.motor_inertia * ratio**2
 
-    def locked(self, y: State, mode: Mode, k: int, around: Surroundings) -> tuple[float, float, float]:
+    def locked(self, y: StateVector, mode: Mode, k: int, around: Surroundings) -> tuple[float, float, float]:
         """Return the accelerations of fin and motor [rad/s2] with clutch `k` locked, and its torque [N.m]."""
         ratio, turn = self.screw.ratio(y[FIN]), TURNS[k]
         fin, motor = self._loads(y, mode, around, k)
@@ -128,11 +128,11 @@ class Clutches(Actuator):
         screw_acceleration = ratio * fin_acceleration + bent
         return fin_acceleration, turn * screw_acceleration, turn * motor - self.rotor * screw_acceleration
 
-    def _excess(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
+    def _excess(self, y: StateVector, mode: Mode, around: Surroundings, side: int) -> float:
         """Return the moment [N.m] about the hinge on a resting screw towards `side` beyond stiction."""
         return side * self._loads(y, mode, around)[0] - self.screw.coulomb(y[FIN], side)
 
-    def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
+    def slope(self, y: StateVector, mode: Mode, around: Surroundings) -> list[float]:
         if 0 in mode.slip:
             fin_acceleration, acceleration, _ = self.locked(y, mode, mode.slip.index(0), around)
         else:
@@ -145,13 +145,13 @@ class Clutches(Actuator):
         return [y[RATE], fin_acceleration if mode.screw else 0.0, acceleration, first, second, flux_1, flux_2,
                 self.coils[0].warming(y, heat)]
 
-    def admit(self, y: State, mode: Mode, around: Surroundings) -> Any:
+    def admit(self, y: StateVector, mode: Mode, around: Surroundings) -> Any:
         for coil, reference in zip(self.coils, self.references(around), strict=True):
             mode = coil.admit(y, mode, reference, around.supply)
         return super().admit(y, mode._replace(feeds=self.surplus(y, around) > 0.0), around)
 
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
-        def motor_rests(y: State, _around: Surroundings) -> int:
+        def motor_rests(y: StateVector, _around: Surroundings) -> int:
             raise ValueError("the motor comes to rest; this reference requires inputs with which it keeps turning")
 
         coils = zip(self.coils, self.references(around), strict=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from .events import Event, State, band
+from .events import Event, StateVector, band
 
 EDGE = 1e-9  # V, by which a demand may exceed a limit while the amplifier is free
 
@@ -23,7 +23,7 @@ class Coil:
         self.current, self.flux, self.temperature = current, flux, temperature
         self.resistance, self.clamp = p["coil.resistance"], p["coil.suppression_voltage"]
 
-    def limit(self, y: State) -> float:
+    def limit(self, y: StateVector) -> float:
         """Return the torque [N.m] at which the clutch slips."""
         p, rated = self.p, self.p["clutch.rated_torque"]
         warmer = y[self.temperature] - p["clutch.reference_temperature"]
@@ -31,16 +31,16 @@ class Coil:
         warm = max(1.0 + p["clutch.temperature_coefficient"] * warmer, 0.1)
         return warm * self.share * (rated * p["clutch.residual"] + magnetic)
 
-    def demand(self, y: State, reference: float) -> float:
+    def demand(self, y: StateVector, reference: float) -> float:
         """Return the amplifier's voltage [V] before its limits, at a current reference [A]."""
         return self.resistance * reference + self.gain * (reference - y[self.current])
 
-    def admit(self, y: State, mode: Any, reference: float, supply: float) -> Any:
+    def admit(self, y: StateVector, mode: Any, reference: float, supply: float) -> Any:
         """Return the mode after a jump of the reference [A] or the supply [V]."""
         demand = self.demand(y, reference)
         return mode._replace(**{self.field: (demand > supply + EDGE) - (demand < -self.clamp - EDGE)})
 
-    def slopes(self, y: State, mode: Any, reference: float, supply: float) -> tuple[float, float]:
+    def slopes(self, y: StateVector, mode: Any, reference: float, supply: float) -> tuple[float, float]:
         """Return d/dt of current and flux [A/s]."""
         side = getattr(mode, self.field)
         voltage = supply if side > 0 else -self.clamp if side < 0 else self.demand(y, reference)
@@ -51,7 +51,7 @@ class Coil:
         """Return the events that end a mode of the amplifier."""
         return band(mode, self.field, lambda y: self.demand(y, reference), -self.clamp, supply)
 
-    def warming(self, y: State, heat: float) -> float:
+    def warming(self, y: StateVector, heat: float) -> float:
         """Return the rise [K/s] of the clutch's temperature at a slip power `heat` [W]."""
         lost = (y[self.temperature] - self.p["friction.temperature"]) / self.p["clutch.thermal_resistance"]
         return (heat - lost) / self.p["clutch.heat_capacity"]

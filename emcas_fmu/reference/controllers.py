@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping
 
 from . import filters
-from .events import Value
+from .events import Scalar
 from .screw import Screw
 from .vehicle import clip
 
 
-def whole_samples(p: Mapping[str, Value], name: str) -> int:
+def whole_samples(p: Mapping[str, Scalar], name: str) -> int:
     """Return the parameter `name`, a time [s], in whole sample times; a half is rounded up."""
     return math.floor(p[name] / p["controller.sample_time"] + 0.5)
 

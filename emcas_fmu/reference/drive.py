@@ -15,8 +15,8 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from .actuator import Actuator
-from .events import Changes, Event, Margin, State
+from .actuator import ReferenceActuator
+from .events import Changes, Event, Margin, StateVector
 from .vehicle import Surroundings, clip
 
 FREE, ON_LIMIT, DIODES, OPEN = 0, 2, 8, 9
@@ -36,21 +36,21 @@ class Motor(NamedTuple):
     acceleration: float = 0.0
 
 
-class Driven(Actuator):
+class Driven(ReferenceActuator):
     """An actuator whose motor has a drive: its mode has a field `drive`; its state has current [A] and integral [V]."""
 
     current: int
     """Index of the motor's current in the state; the drive's integral follows it."""
 
     @abstractmethod
-    def speed(self, y: State) -> float:
+    def speed(self, y: StateVector) -> float:
         """Return the speed of the motor [rad/s]."""
 
     @abstractmethod
-    def acceleration(self, y: State, mode: Any, around: Surroundings) -> float:
+    def acceleration(self, y: StateVector, mode: Any, around: Surroundings) -> float:
         """Return the acceleration of the motor [rad/s2]."""
 
-    def motor(self, y: State, mode: Any, around: Surroundings) -> Motor:
+    def motor(self, y: StateVector, mode: Any, around: Surroundings) -> Motor:
         """Return speed, current, drive integral and acceleration of the motor."""
         faster = self.acceleration(y, mode, around) if self.p["motor.pole_pairs"] else 0.0
         return Motor(self.speed(y), y[self.current], y[self.current + 1], faster)
@@ -77,7 +77,7 @@ class Driven(Actuator):
         across = self._across() * m.speed * m.current
         return math.sqrt(max(around.supply**2 - across**2, 0.0))
 
-    def voltage(self, y: State, around: Surroundings) -> float:
+    def voltage(self, y: StateVector, around: Surroundings) -> float:
         """Return the motor terminal voltage [V]; the back-EMF while the bridge is open and no current flows."""
         m = Motor(self.speed(y), y[self.current], y[self.current + 1])
         mode = self.drive_mode(m, around)
@@ -202,7 +202,7 @@ class Driven(Actuator):
             raise ValueError(f"supply_voltage is {row['supply_voltage']:g} V; this reference needs a value above 0")
         return super().surroundings(row, reference)
 
-    def admit(self, y: State, mode: Any, around: Surroundings) -> Any:
+    def admit(self, y: StateVector, mode: Any, around: Surroundings) -> Any:
         """Return the mode after a jump of the surroundings; sets a disabled bridge's integral to 0 in place, and its
         current if there are no diodes."""
         if not around.enable:
@@ -213,10 +213,10 @@ class Driven(Actuator):
         return mode._replace(drive=self.drive_mode(self.motor(y, mode, around), around))
 
     def events(self, mode: Any, around: Surroundings) -> list[Event]:
-        def motor(y: State) -> Motor:
+        def motor(y: StateVector) -> Motor:
             return self.motor(y, mode, around)
 
-        def beyond(y: State, side: int) -> float:
+        def beyond(y: StateVector, side: int) -> float:
             m = motor(y)
             return side * self.demand(m, around) - self.limit(m, around)
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from .actuator import Sample
-from .events import Accuracy, Event, State
+from .events import Accuracy, Event, StateVector
 from .piston import ONE, RATE, TWO, Cylinder, PistonLoop
 from .vehicle import Surroundings, clip, sign, surroundings
 
@@ -44,7 +44,7 @@ class Electrohydraulic(Cylinder):
         self.gain = p["valve.rated_flow"] / math.sqrt(p["valve.rated_pressure"] / 2.0)
         self.fastest, self.tank = 1.0 / p["valve.stroke_time"], p["tank.pressure"]
 
-    def start(self) -> tuple[State, Mode]:
+    def start(self) -> tuple[StateVector, Mode]:
         """Return the state at rest at the start angle, and a mode that `settled` completes."""
         filled = self.p["cylinder.start_pressure"]
         return [self.p["fin.start_angle"], 0.0, filled, filled, 0.0, 0.0], Mode()
@@ -59,7 +59,7 @@ class Electrohydraulic(Cylinder):
         command = clip((reference if row["enable"] else 0.0) + self.p["valve.null_shift"], 1.0)
         return surroundings(self.p, row, command, self.supply[0])
 
-    def outputs(self, y: State, _around: Surroundings) -> State:
+    def outputs(self, y: StateVector, _around: Surroundings) -> StateVector:
         return y[:SPOOL_RATE]
 
     def flows(self, spool: float, supply: float, one: float, two: float) -> tuple[float, float]:
@@ -76,7 +76,7 @@ class Electrohydraulic(Cylinder):
         into_2 = b * through(supply - two) - a * through(two - self.tank) + check * max(self.tank - two, 0.0)
         return into_1, into_2
 
-    def rises(self, y: State, around: Surroundings) -> tuple[float, float]:
+    def rises(self, y: StateVector, around: Surroundings) -> tuple[float, float]:
         """Return d/dt of both pressures [Pa/s] in chambers without a void."""
         displaced, volume_1, volume_2 = self.chambers(y)
         into_1, into_2 = self.flows(y[SPOOL], around.supply, y[ONE], y[TWO])
@@ -84,18 +84,18 @@ class Electrohydraulic(Cylinder):
         beta = self.p["oil.bulk_modulus"]
         return beta * (into_1 - lost) / volume_1, beta * (into_2 + lost) / volume_2
 
-    def spool_acceleration(self, y: State, around: Surroundings) -> float:
+    def spool_acceleration(self, y: StateVector, around: Surroundings) -> float:
         """Return the spool's acceleration [1/s2] without its limits."""
         w, damping = self.p["valve.natural_frequency"], self.p["valve.damping"]
         return w * w * (around.reference - y[SPOOL]) - 2.0 * damping * w * y[SPOOL_RATE]
 
-    def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
+    def slope(self, y: StateVector, mode: Mode, around: Surroundings) -> tuple[float, ...]:
         rise_1, rise_2 = self.rises(y, around)
         return (y[RATE], self.turning(y, mode.fin, around), 0.0 if mode.void_1 else rise_1,
                 0.0 if mode.void_2 else rise_2, y[SPOOL_RATE],
                 0.0 if mode.spool else self.spool_acceleration(y, around))
 
-    def settled(self, y: State, mode: Mode, around: Surroundings) -> Any:
+    def settled(self, y: StateVector, mode: Mode, around: Surroundings) -> Any:
         """Return the mode of a state; set values near a limit to the limit in place."""
         spool, acceleration = FREE, self.spool_acceleration(y, around)
         if abs(y[SPOOL]) >= _CLOSE and y[SPOOL] * y[SPOOL_RATE] >= 0.0 and y[SPOOL] * acceleration >= 0.0:

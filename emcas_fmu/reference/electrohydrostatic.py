@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from .actuator import Sample
 from .drive import FREE, Driven
-from .events import Accuracy, Body, Event, State, band, switch
+from .events import Accuracy, Body, Event, StateVector, band, switch
 from .piston import ONE, RATE, TWO, Cylinder, PistonLoop
 from .vehicle import Surroundings, clip
 
@@ -48,32 +48,32 @@ class Electrohydrostatic(Cylinder, Driven):
         self.bodies += Body("shaft", itemgetter(SPEED), self._shaft_excess, {SPEED: 0.0}),
         self.refill = p["reservoir.pressure"] - p["check_valve.cracking_pressure"]
 
-    def start(self) -> tuple[State, Mode]:
+    def start(self) -> tuple[StateVector, Mode]:
         void = self.p["oil.cavitation_pressure"]
         filled = max(self.p["reservoir.pressure"], void)
         refilled, empty = filled < self.refill, filled <= void
         return ([self.p["fin.start_angle"], 0.0, filled, filled, 0.0, 0.0, 0.0],
                 Mode(0, 0, FREE, 0, refilled, refilled, empty, empty))
 
-    def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
+    def outputs(self, y: StateVector, around: Surroundings) -> tuple[float, ...]:
         return *y[:INTEGRAL], self.voltage(y, around)
 
-    def speed(self, y: State) -> float:
+    def speed(self, y: StateVector) -> float:
         return y[SPEED]
 
-    def _shaft_torque(self, y: State) -> float:
+    def _shaft_torque(self, y: StateVector) -> float:
         """Return the torque [N.m] on the shaft from current and pressures."""
         return self.motor_torque(y[CURRENT]) - self.p["pump.displacement"] * (y[ONE] - y[TWO])
 
-    def _shaft_dry(self, y: State) -> float:
+    def _shaft_dry(self, y: StateVector) -> float:
         """Return the dry friction [N.m] of the shaft."""
         return self.p["pump.coulomb_friction"] + self.p["pump.pressure_friction"] * abs(y[ONE] - y[TWO])
 
-    def _shaft_excess(self, y: State, _mode: Mode, _around: Surroundings, side: int) -> float:
+    def _shaft_excess(self, y: StateVector, _mode: Mode, _around: Surroundings, side: int) -> float:
         """Return the torque [N.m] on a resting shaft towards `side` beyond stiction."""
         return side * self._shaft_torque(y) - self._shaft_dry(y)
 
-    def acceleration(self, y: State, mode: Mode, _around: Surroundings) -> float:
+    def acceleration(self, y: StateVector, mode: Mode, _around: Surroundings) -> float:
         """Return the acceleration of the shaft [rad/s2]."""
         net = self._shaft_torque(y) - mode.shaft * self._shaft_dry(y) - self.p["pump.viscous_friction"] * y[SPEED]
         return net / self.p["inertia.motor"] if mode.shaft else 0.0
@@ -84,7 +84,7 @@ class Electrohydrostatic(Cylinder, Driven):
         opening = (1.0 if p["bypass_valve.opens_disabled"] and not around.enable else p["bypass_valve.opening"])
         return p["pump.leakage"] + p["cylinder.internal_leakage"] + opening * p["bypass_valve.conductance"]
 
-    def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
+    def slope(self, y: StateVector, mode: Mode, around: Surroundings) -> list[float]:
         p, across, (displaced, volume_1, volume_2) = self.p, y[ONE] - y[TWO], self.chambers(y)
         pumped = p["pump.displacement"] * y[SPEED] - self._leakage(around) * across - displaced
         if mode.relief:
@@ -115,7 +115,7 @@ class Electrohydrostatic(Cylinder, Driven):
         turns = p["cylinder.area"] / p["pump.displacement"]  # rad/m, motor angle per piston travel
         gain, offset = p["drive.current_gain"], p["drive.current_offset"]
 
-        def inner(speed: float, piston: float, y: State) -> tuple[float, float]:
+        def inner(speed: float, piston: float, y: StateVector) -> tuple[float, float]:
             reference = turns * speed
             share = clip(reference / p["compensation.speed_band"], 1.0)
             torque = p["compensation.gain"] * nominal.friction(piston) * share

@@ -23,13 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from .actuator import Actuator
+    from .actuator import ReferenceActuator
 
 Array = NDArray[np.floating[Any]]
-Value = float | int | bool
-State = list[float]
-Margin = Callable[[State], float]
-Changes = Mapping[int | str, Value | Callable[[State, Any], Value]]
+Scalar = float | int | bool
+StateVector = list[float]
+Margin = Callable[[StateVector], float]
+Changes = Mapping[int | str, Scalar | Callable[[StateVector, Any], Scalar]]
 """New values of states, by index, and of the mode's fields, by name. A function computes a value from the state, after
 the preceding changes, and the surroundings."""
 
@@ -45,12 +45,12 @@ class Event:
     def __init__(self, margin: Margin, changes: Changes):
         self.margin, self.changes = margin, changes
 
-    def __call__(self, _time: float, state: State) -> float:
+    def __call__(self, _time: float, state: StateVector) -> float:
         # SciPy counts a margin that stays exactly 0 as a crossing. Here 0 counts as positive, so that a frictionless
         # fin can rest without load.
         return self.margin(state) or sys.float_info.min
 
-    def changed(self, state: State, mode: Any, around: Any) -> Any:
+    def changed(self, state: StateVector, mode: Any, around: Any) -> Any:
         """Return the mode after the event, and change the state in place."""
         for key, change in self.changes.items():
             value = change(state, around) if callable(change) else change
@@ -71,16 +71,16 @@ class Body(NamedTuple):
 
     field: str
     speed: Margin
-    excess: Callable[[State, Any, Any, int], float]
+    excess: Callable[[StateVector, Any, Any, int], float]
     rest: Changes
     angle: int = 0  # index of its angle in the state
     stop: float = math.inf  # rad
 
-    def held(self, state: State, mode: Any, around: Any, side: int) -> float:
+    def held(self, state: StateVector, mode: Any, around: Any, side: int) -> float:
         """Return a margin that is above 0 while the resting body does not start towards a side."""
         return 1.0 if side * state[self.angle] >= self.stop else -self.excess(state, mode, around, side)
 
-    def starts(self, state: State, mode: Any, around: Any) -> int:
+    def starts(self, state: StateVector, mode: Any, around: Any) -> int:
         """Return the direction in which the resting body starts, or 0."""
         return next((side for side in (1, -1) if self.held(state, mode, around, side) < 0.0), 0)
 
@@ -123,7 +123,8 @@ class Accuracy(NamedTuple):
     max_step: float
 
 
-def advance(actuator: Actuator, state: State, mode: Any, around: Any, start: float, end: float) -> tuple[State, Any]:
+def advance(actuator: ReferenceActuator, state: StateVector, mode: Any, around: Any, start: float,
+            end: float) -> tuple[StateVector, Any]:
     """Integrate from `start` to `end` [s] through every event and return the state and the mode at `end`.
 
     Raises ArithmeticError if the integration fails, or if modes alternate without progress in time.

@@ -29,18 +29,18 @@ from ..errors import EmcasError, unreadable
 from ..parameters import ParameterSet, load_parameters, schema, toml
 from ..support.progress import Progress, silent
 from ..support.writing import write_folder
-from .cases import CASES, SIGNIFICANT_DIGITS, SUPPLY, Case, select, with_supply
-from .events import Array, Value
+from .cases import CASES, SIGNIFICANT_DIGITS, SUPPLY_START, ReferenceCase, select, with_supply
+from .events import Array, Scalar
 from .plant import Plant
 
 PROVENANCE = "provenance.toml"
 
-Simulate = Callable[[Mapping[str, Value], Mapping[str, Array]], Mapping[str, Array]]
+Simulate = Callable[[Mapping[str, Scalar], Mapping[str, Array]], Mapping[str, Array]]
 """Function of parameters and input columns, including ``time``, that returns output columns at the same times; SI."""
 
 # Overrides added to a case without encoder: the other sensors also measure true values, and the actuator is homed at
 # the start, since it follows no command before.
-_TRUE_ANGLE: Mapping[str, Value] = {"transducer.resolution": 0.0, "homing.required": False}
+_TRUE_ANGLE: Mapping[str, Scalar] = {"transducer.resolution": 0.0, "homing.required": False}
 # Tolerance of an output not in TOLERANCES, relative to its nominal value: enough for a less accurate integrator.
 _RELATIVE = 1e-6
 # Largest magnitude in a column: far above any value of an actuator; sums of squares are still finite.
@@ -77,12 +77,12 @@ def simulator(model: str) -> Simulate:
     return simulate
 
 
-def supply_start(model: str, values: Mapping[str, Value]) -> float:
+def supply_start(model: str, values: Mapping[str, Scalar]) -> float:
     """Return the start value [V] of an actuator's supply_voltage, or without this input the default actuator's."""
-    return next((float(v.initial(values)) for v in get(model).inputs if v.name == "supply_voltage"), SUPPLY)
+    return next((float(v.initial(values)) for v in get(model).inputs if v.name == "supply_voltage"), SUPPLY_START)
 
 
-def cases(model: str, values: Mapping[str, Value]) -> tuple[Case, ...]:
+def cases(model: str, values: Mapping[str, Scalar]) -> tuple[ReferenceCase, ...]:
     """Return the cases that an actuator can run with these values of its parameters, adapted to it.
 
     A case is left out if it drives an input or changes a parameter that the actuator does not have, other than one of
@@ -94,7 +94,7 @@ def cases(model: str, values: Mapping[str, Value]) -> tuple[Case, ...]:
         if names.issuperset(name for name in (*case.overrides, *case.inputs()) if not name.startswith("encoder.")))
 
 
-def suited(case: Case, model: str, values: Mapping[str, Value]) -> Case:
+def suited(case: ReferenceCase, model: str, values: Mapping[str, Scalar]) -> ReferenceCase:
     """Return a case adapted to an actuator: a sag of its supply, exact sensors with the encoder off, its parameters."""
     exact = case.overrides.get("encoder.enabled") is False
     overrides = {**case.overrides, **(_TRUE_ANGLE if exact else {})}
@@ -246,7 +246,7 @@ def compare(directory: Path, names: Sequence[str] | None = None, progress: Progr
     return differences
 
 
-def _cases(names: Sequence[str] | None, parameters: ParameterSet, progress: Progress) -> Iterator[Case]:
+def _cases(names: Sequence[str] | None, parameters: ParameterSet, progress: Progress) -> Iterator[ReferenceCase]:
     """Yield the named cases (default all), and report the progress."""
     selected = select(names, {case.name: case for case in cases(parameters.model, parameters.values)})
     for done, case in enumerate(selected.values()):
@@ -255,14 +255,14 @@ def _cases(names: Sequence[str] | None, parameters: ParameterSet, progress: Prog
         progress(case.name, done + 1, len(selected))
 
 
-def parameters_hash(values: Mapping[str, Value]) -> str:
+def parameters_hash(values: Mapping[str, Scalar]) -> str:
     """Return the hash that identifies the parameters of a run in its provenance."""
     # References do not depend on the settings of the package's stepping.
     used = {name: float(value) for name, value in values.items() if not name.startswith("solver.")}
     return _sha256(json.dumps(used, sort_keys=True).encode())
 
 
-def response_hash(values: Mapping[str, Value]) -> str:
+def response_hash(values: Mapping[str, Scalar]) -> str:
     """Return the hash of the parameters that determine the response to a case.
 
     No case moves the vehicle, so without gravity `mounting.azimuth` has no effect.
@@ -283,7 +283,8 @@ def _method(model: str) -> dict[str, Any]:
             "absolute_tolerances": [rtol * scale for scale in scales], "maximum_step": max_step}
 
 
-def _provenance(case: Case, tables: Mapping[str, str], values: Mapping[str, Value], model: str) -> dict[str, Any]:
+def _provenance(
+        case: ReferenceCase, tables: Mapping[str, str], values: Mapping[str, Scalar], model: str) -> dict[str, Any]:
     return {
         **{name: getattr(case, name) for name in ("title", "kind", "amplitude", "stop_time", "step")},
         "command": "emcas reference",

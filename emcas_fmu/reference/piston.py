@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 from operator import itemgetter
 from typing import Any
 
-from .actuator import Actuator
-from .events import Body, State
+from .actuator import ReferenceActuator
+from .events import Body, StateVector
 from .vehicle import Surroundings, clip, hinge_friction, hinge_moment, masses_of
 
 FIN, RATE, ONE, TWO = range(4)
@@ -26,7 +26,7 @@ def lever(p: Mapping[str, float], angle: float) -> tuple[float, float, float]:
     return arm * (tangent - math.tan(start)), ratio, 2.0 * ratio * tangent
 
 
-class Cylinder(Actuator, ABC):
+class Cylinder(ReferenceActuator, ABC):
     """Cylinder, lever and fin; a field `fin` of the mode is the fin's direction, 0 at rest."""
 
     def __init__(self, parameters: Mapping[str, float]):
@@ -35,7 +35,7 @@ class Cylinder(Actuator, ABC):
         self.dry, self.viscous = hinge_friction(p)
         self.bodies = Body("fin", itemgetter(RATE), self._excess, {RATE: 0.0}, FIN, p["fin.stop_angle"]),
 
-    def _moment(self, y: State, ratio: float, around: Surroundings) -> float:
+    def _moment(self, y: StateVector, ratio: float, around: Surroundings) -> float:
         """Return the moment [N.m] of pressures and loads at a ratio dx/d(angle) [m/rad]."""
         force = self.p["cylinder.area"] * (y[ONE] - y[TWO]) + self.p["cylinder.moving_mass"] * around.force[0]
         return ratio * force + hinge_moment(self.masses, self.inertia, y[FIN], around)
@@ -44,12 +44,12 @@ class Cylinder(Actuator, ABC):
         """Return the dry friction [N.m] about the hinge at a ratio dx/d(angle) [m/rad]."""
         return self.dry + ratio * self.p["cylinder.coulomb_friction"]
 
-    def _excess(self, y: State, _mode: Any, around: Surroundings, side: int) -> float:
+    def _excess(self, y: StateVector, _mode: Any, around: Surroundings, side: int) -> float:
         """Return the moment [N.m] on a resting fin towards `side` beyond stiction."""
         _, ratio, _ = lever(self.p, y[FIN])
         return side * self._moment(y, ratio, around) - self._dry(ratio)
 
-    def turning(self, y: State, way: int, around: Surroundings) -> float:
+    def turning(self, y: StateVector, way: int, around: Surroundings) -> float:
         """Return the acceleration [rad/s2] of a fin that slides in the direction `way`, 0 at rest."""
         if not way:
             return 0.0
@@ -60,7 +60,7 @@ class Cylinder(Actuator, ABC):
                - mass * ratio * bend * y[RATE] ** 2)
         return net / (self.inertia + mass * ratio**2)
 
-    def chambers(self, y: State) -> tuple[float, float, float]:
+    def chambers(self, y: StateVector) -> tuple[float, float, float]:
         """Return the rate [m3/s] at which the first chamber grows and the second shrinks, and both volumes [m3]."""
         position, ratio, _ = lever(self.p, y[FIN])
         area, dead = self.p["cylinder.area"], self.p["cylinder.dead_volume"]
@@ -75,7 +75,7 @@ class PistonLoop:
     """
 
     def __init__(self, p: Mapping[str, float], fastest: float,
-                 inner: Callable[[float, float, State], tuple[float, float]]):
+                 inner: Callable[[float, float, StateVector], tuple[float, float]]):
         self.p, self.fastest, self.inner = p, fastest, inner
         self._reset(self.read(p["fin.start_angle"]))
 
@@ -92,7 +92,7 @@ class PistonLoop:
         step = self.p["transducer.resolution"]
         return lever(self.p, step * math.floor(angle / step + 0.5) if step else angle)[0]
 
-    def sample(self, y: State, command: float, enable: bool) -> float:
+    def sample(self, y: StateVector, command: float, enable: bool) -> float:
         """Return the output of `inner` at a state of the actuator under a command [rad]; 0 if disabled."""
         p, piston = self.p, self.read(y[FIN])
         if not enable:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from .actuator import Sample
 from .controllers import Controllers
 from .drive import FREE, Driven
-from .events import Accuracy, Body, Changes, State, Value
+from .events import Accuracy, Body, Changes, Scalar, StateVector
 from .screw import Screw
 from .trajectory import Following
 from .vehicle import Surroundings
@@ -39,13 +39,13 @@ class Plant(Screw, Driven):
     names = ("fin_angle", "fin_rate", "motor_current", "motor_voltage", "drive_reference")
     current = 2
 
-    def __init__(self, parameters: Mapping[str, Value]):
+    def __init__(self, parameters: Mapping[str, Scalar]):
         super().__init__(parameters)
         # At rest the inductive voltage n w L i vanishes at once, so the voltage limit jumps.
         rest: Changes = {1: 0.0, "drive": lambda y, around: self.drive_mode(self.motor(y, Mode(), around), around)}
         self.bodies = Body("motion", itemgetter(1), self.excess, rest, 0, self.stop),
 
-    def start(self) -> tuple[State, Mode]:
+    def start(self) -> tuple[StateVector, Mode]:
         return [self.p["fin.start_angle"], 0.0, 0.0, 0.0], Mode()
 
     def controller(self, nominal: Screw) -> Sample:
@@ -53,19 +53,19 @@ class Plant(Screw, Driven):
         loops = (Following if nominal.p.get("trajectory.natural_frequency") else Controllers)(self, nominal)
         return lambda y, command, enable: loops.sample(y[0], y[1], command, enable, y[2])
 
-    def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
+    def outputs(self, y: StateVector, around: Surroundings) -> tuple[float, ...]:
         return *y[:3], self.voltage(y, around)
 
-    def speed(self, y: State) -> float:
+    def speed(self, y: StateVector) -> float:
         return self.ratio(y[0]) * y[1]
 
-    def acceleration(self, y: State, mode: Mode, around: Surroundings) -> float:
+    def acceleration(self, y: StateVector, mode: Mode, around: Surroundings) -> float:
         return self.ratio(y[0]) * (self.turning(y, mode, around) + self.bend(y[0]) * y[1] ** 2)
 
-    def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
+    def slope(self, y: StateVector, mode: Mode, around: Surroundings) -> tuple[float, ...]:
         return y[1], self.turning(y, mode, around), *self.electrical(self.motor(y, mode, around), mode.drive, around)
 
-    def turning(self, y: State, mode: Mode, around: Surroundings) -> float:
+    def turning(self, y: StateVector, mode: Mode, around: Surroundings) -> float:
         """Return the acceleration of the fin [rad/s2]."""
         delta, omega, current, _ = y
         motion = mode.motion
@@ -83,7 +83,7 @@ class Plant(Screw, Driven):
         inertia = self.fin_inertia + self.motor_inertia * ratio * ratio  # M = J_ft + J_t R^2
         return moment / inertia
 
-    def excess(self, y: State, _mode: Mode, around: Surroundings, side: int) -> float:
+    def excess(self, y: StateVector, _mode: Mode, around: Surroundings, side: int) -> float:
         """Return the moment [N.m] on a resting fin towards `side` beyond stiction."""
         moment = self.ratio(y[0]) * self.motor_torque(y[2]) + self.loads(y[0], around)
         return side * moment - self.coulomb(y[0], side)
@@ -92,7 +92,7 @@ class Plant(Screw, Driven):
 class Geared(Plant):
     """Motor, drive and fin of the thesis's actuator, connected by a gear of constant ratio."""
 
-    def __init__(self, parameters: Mapping[str, Value], turns: float, inertia: Value):
+    def __init__(self, parameters: Mapping[str, Scalar], turns: float, inertia: Scalar):
         self.turns = turns  # motor turns per fin turn
         super().__init__({**parameters, "kinematics.moment_arm": turns, "kinematics.initial_angle": 0.0,
                           "screw.lead": 1.0, "mass.nut": 0.0, "inertia.screw": inertia})

@@ -19,14 +19,14 @@ from ..parameters import ParameterSet
 from ..support.files import cache_directory, models_directory
 from ..support.writing import write
 from . import files, stored
-from .cases import Case
-from .events import Array, Value
+from .cases import ReferenceCase
+from .events import Array, Scalar
 
 _KEPT = 256  # largest number of cached responses, each about 0.1 MB per second of its case
 _EXACT = 17  # significant digits, which preserve every float: references in an FMU are rounded only once
 
 
-def shipped(parameters: ParameterSet, case: Case) -> dict[str, Array] | None:
+def shipped(parameters: ParameterSet, case: ReferenceCase) -> dict[str, Array] | None:
     """Return the shipped response [SI] to a case, up to the case's end; None if there is none for these parameters."""
     if parameters.model != NONLINEAR:
         return None
@@ -43,7 +43,7 @@ def _stored(folder: Path, name: str) -> stored.Stored | None:
     return stored.load(folder, [name])[0] if name in files.read_provenance(folder) else None
 
 
-def response(parameters: ParameterSet, case: Case) -> dict[str, Array]:
+def response(parameters: ParameterSet, case: ReferenceCase) -> dict[str, Array]:
     """Return `time` [s] and the outputs [SI] of the independent integration of an actuator.
 
     The response is the shipped one, or is read from the user's cache, or integrated, which takes about two seconds per
@@ -63,7 +63,7 @@ def response(parameters: ParameterSet, case: Case) -> dict[str, Array]:
     return result
 
 
-def _cache_path(model: str, values: Mapping[str, Value], inputs: Mapping[str, Array]) -> Path | None:
+def _cache_path(model: str, values: Mapping[str, Scalar], inputs: Mapping[str, Array]) -> Path | None:
     """Return the path of a cached response, named by a hash of everything that determines it; None without a cache."""
     reference = get(model).reference
     if not isinstance(reference, str) or not reference.startswith(__package__):

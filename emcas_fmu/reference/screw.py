@@ -7,14 +7,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .events import Value
+from .events import Scalar
 from .vehicle import Surroundings, hinge_friction, hinge_moment, masses_of
 
 POLYNOMIAL_ANGLE = math.radians(20.0)  # rad, the angle that scales the Coulomb polynomials
 _SIGNS = {1: "positive", -1: "negative"}
 
 
-def over_temperature(p: Mapping[str, Value], kind: str) -> float:
+def over_temperature(p: Mapping[str, Scalar], kind: str) -> float:
     """Return the ratio of friction at friction.temperature to that at 24 degC; `kind` is viscous or coulomb.
 
     It is linear between the points of the table and constant outside them.
@@ -26,7 +26,7 @@ def over_temperature(p: Mapping[str, Value], kind: str) -> float:
 class Screw:
     """Lever, screw and fin: kinematics, friction and loads, positive along +delta."""
 
-    def __init__(self, parameters: Mapping[str, Value]):
+    def __init__(self, parameters: Mapping[str, Scalar]):
         p: Mapping[str, float] = {name: float(value) for name, value in parameters.items()}
         self.p = p
         self.arm, self.lead = p["kinematics.moment_arm"], p["screw.lead"]  # m; m/rad

@@ -16,7 +16,7 @@ from .actuator import Sample
 from .coil import Coil
 from .controllers import Controllers
 from .drive import FREE, Driven
-from .events import Accuracy, Changes, Event, State
+from .events import Accuracy, Changes, Event, StateVector
 from .screw import Screw
 from .vehicle import Surroundings, sign
 
@@ -56,7 +56,7 @@ class SeriesClutch(Driven):
         self.screw_inertia = driven + p["inertia.screw"]
         self.forward, self.backward = 1.0 / p["efficiency.forward"], p["efficiency.backward"]
 
-    def start(self) -> tuple[State, Mode]:
+    def start(self) -> tuple[StateVector, Mode]:
         p, engaged = self.p, self.p["coil.connected"] * self.p["clutch.rated_current"]
         return [p["fin.start_angle"], 0.0, 0.0, 0.0, 0.0, engaged, engaged, p["friction.temperature"]], Mode()
 
@@ -64,14 +64,14 @@ class SeriesClutch(Driven):
         loops = Controllers(self.screw, nominal.whole)
         return lambda y, command, enable: loops.sample(y[FIN], y[RATE], command, enable, y[CURRENT])
 
-    def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
+    def outputs(self, y: StateVector, around: Surroundings) -> tuple[float, ...]:
         return *y[:INTEGRAL], self.voltage(y, around), y[COIL], y[TEMPERATURE]
 
-    def speed(self, y: State) -> float:
+    def speed(self, y: StateVector) -> float:
         """Return the rotor's speed [rad/s]."""
         return y[ROTOR]
 
-    def turning(self, y: State) -> float:
+    def turning(self, y: StateVector) -> float:
         """Return the screw's speed [rad/s]."""
         return self.screw.ratio(y[FIN]) * y[RATE]
 
@@ -79,18 +79,18 @@ class SeriesClutch(Driven):
         """Return the current reference [A] of the coil."""
         return self.p["coil.connected"] * self.p["clutch.rated_current"] if around.enable else 0.0
 
-    def _rotor(self, y: State, way: int, around: Surroundings) -> float:
+    def _rotor(self, y: StateVector, way: int, around: Surroundings) -> float:
         """Return the torque [N.m] on a rotor that turns in the direction `way`, without clutch."""
         return (self.motor_torque(y[CURRENT]) - self.p["motor.viscous_friction"] * y[ROTOR]
                 - self.rotor_inertia * around.faster[0] - way * self.p["motor.coulomb_friction"])
 
-    def _screw(self, y: State, way: int, around: Surroundings) -> float:
+    def _screw(self, y: StateVector, way: int, around: Surroundings) -> float:
         """Return the torque [N.m] on a screw that turns in the direction `way`, without clutch and nut."""
         s = self.screw
         return (-self.screw_inertia * around.faster[0] - s.viscous[way] * self.turning(y)
                 - way * s.coulomb_factor * s.motor_coulomb(y[FIN], way))
 
-    def _fin(self, y: State, way: int, around: Surroundings) -> tuple[float, float]:
+    def _fin(self, y: StateVector, way: int, around: Surroundings) -> tuple[float, float]:
         """Return inertia [kg.m2] and moment [N.m] about the hinge in M = inertia * acceleration + moment."""
         s, delta, rate = self.screw, y[FIN], y[RATE]
         ratio, nut = s.ratio(delta), self.p["mass.nut"] * s.lead**2
@@ -99,7 +99,7 @@ class SeriesClutch(Driven):
                   - outside)
         return s.fin_inertia + nut * ratio * ratio, moment
 
-    def _moved(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, float, float]:
+    def _moved(self, y: StateVector, mode: Mode, around: Surroundings) -> tuple[float, float, float]:
         """Return the accelerations of fin and rotor [rad/s2] and the moment M [N.m] while the screw turns."""
         way, ratio = mode.screw, self.screw.ratio(y[FIN])
         torque, inertia = self._screw(y, way, around), self.screw_inertia
@@ -115,34 +115,34 @@ class SeriesClutch(Driven):
         rotor = self._slipping_rotor(y, mode, around) if mode.slip else ratio * fin + bent
         return fin, rotor, fin_inertia * fin + moment
 
-    def _slipping_rotor(self, y: State, mode: Mode, around: Surroundings) -> float:
+    def _slipping_rotor(self, y: StateVector, mode: Mode, around: Surroundings) -> float:
         """Return the acceleration [rad/s2] of the rotor while its clutch slips."""
         if mode.rotor == 0:
             return 0.0
         return (self._rotor(y, mode.rotor, around) - mode.slip * self.coil.limit(y)) / self.rotor_inertia
 
-    def _locked_torque(self, y: State, mode: Mode, around: Surroundings) -> float:
+    def _locked_torque(self, y: StateVector, mode: Mode, around: Surroundings) -> float:
         """Return the torque [N.m] through a locked clutch while the screw turns."""
         _, acceleration, _ = self._moved(y, mode, around)
         return self._rotor(y, mode.rotor, around) - self.rotor_inertia * acceleration
 
-    def _accelerations(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, float]:
+    def _accelerations(self, y: StateVector, mode: Mode, around: Surroundings) -> tuple[float, float]:
         """Return the accelerations of fin and rotor [rad/s2]."""
         if mode.screw:
             return self._moved(y, mode, around)[:2]
         return 0.0, self._slipping_rotor(y, mode, around) if mode.slip else 0.0
 
-    def acceleration(self, y: State, mode: Mode, around: Surroundings) -> float:
+    def acceleration(self, y: StateVector, mode: Mode, around: Surroundings) -> float:
         """Return the acceleration of the rotor [rad/s2]."""
         return self._accelerations(y, mode, around)[1]
 
-    def slope(self, y: State, mode: Mode, around: Surroundings) -> list[float]:
+    def slope(self, y: StateVector, mode: Mode, around: Surroundings) -> list[float]:
         heat = mode.slip * self.coil.limit(y) * (y[ROTOR] - self.turning(y))
         electrical = self.electrical(self.motor(y, mode, around), mode.drive, around)
         return [y[RATE], *self._accelerations(y, mode, around), *electrical,
                 *self.coil.slopes(y, mode, self.reference(around), around.supply), self.coil.warming(y, heat)]
 
-    def _starts(self, y: State, around: Surroundings) -> tuple[float, float, float, float]:
+    def _starts(self, y: StateVector, around: Surroundings) -> tuple[float, float, float, float]:
         """Return four limits [N.m] of the torque from rotor to screw.
 
         A resting screw starts forwards above the first and backwards below the second; a resting rotor starts backwards
@@ -156,12 +156,12 @@ class SeriesClutch(Driven):
                           factor * moment / self.screw.ratio(y[FIN]) - self._screw(y, way, around))
         return bounds[0], bounds[1], self._rotor(y, -1, around), self._rotor(y, 1, around)
 
-    def _with_load(self, y: State, mode: Mode, around: Surroundings) -> Mode:
+    def _with_load(self, y: StateVector, mode: Mode, around: Surroundings) -> Mode:
         """Return the mode with the present direction of power; its sign does not depend on e."""
         driving = mode.screw * self._moved(y, mode, around)[2] if mode.screw else 0.0
         return mode._replace(load=sign(driving)) if abs(driving) > _KEPT else mode
 
-    def settled(self, y: State, mode: Mode, around: Surroundings) -> Any:
+    def settled(self, y: StateVector, mode: Mode, around: Surroundings) -> Any:
         """Return the mode in which clutch, screw and rotor that do not slide in `mode` stick if they can."""
         screw, rotor, slip = mode[:3]
         up, down, most, least = self._starts(y, around)
@@ -182,7 +182,7 @@ class SeriesClutch(Driven):
         rotor = rotor or (1 if clutch_torque < least else -1 if clutch_torque > most else 0)
         return self._with_load(y, mode._replace(screw=screw, rotor=rotor, slip=slip), around)
 
-    def admit(self, y: State, mode: Mode, around: Surroundings) -> Any:
+    def admit(self, y: StateVector, mode: Mode, around: Surroundings) -> Any:
         return super().admit(y, self.coil.admit(y, mode, self.reference(around), around.supply), around)
 
     def events(self, mode: Mode, around: Surroundings) -> list[Event]:
@@ -197,7 +197,7 @@ class SeriesClutch(Driven):
                     Event(lambda y: mode.slip * self.coil.limit(y) - self._starts(y, around)[1], {"screw": -1})]
 
         def starting(low: int | None, high: int | None, screw: int, rotor: int, slip: int) -> Event:
-            def margin(y: State) -> float:
+            def margin(y: StateVector) -> float:
                 bounds, limit = self._starts(y, around), self.coil.limit(y)
                 return (limit if high is None else bounds[high]) - (-limit if low is None else bounds[low])
 

@@ -9,8 +9,8 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from .actuator import Actuator, Sample
-from .events import Accuracy, Body, Event, State, Value, band
+from .actuator import ReferenceActuator, Sample
+from .events import Accuracy, Body, Event, Scalar, StateVector, band
 from .vehicle import Surroundings, clip, hinge_friction, hinge_moment, masses_of, sign, surroundings
 
 FIN, RATE, MOTOR, SPEED = range(4)
@@ -24,13 +24,13 @@ class Mode(NamedTuple):
     contact: int = 0
 
 
-class Servo(Actuator):
+class Servo(ReferenceActuator):
     """Firmware, motor, gear and fin."""
 
     accuracy = Accuracy(1e-10, (1e-2, 1.0, 1.0, 100.0), 1e-3)
     names = ("fin_angle", "fin_rate", "motor_angle", "motor_speed", "duty")
 
-    def __init__(self, parameters: Mapping[str, Value]):
+    def __init__(self, parameters: Mapping[str, Scalar]):
         self.p = p = parameters
         self.ratio, self.masses = p["gear.ratio"], masses_of(p)
         self.inertia = sum(p[f"inertia.{part}"] for part in ("fin", "shaft", "fork"))
@@ -40,7 +40,7 @@ class Servo(Actuator):
         self.bodies = (Body("motor", lambda y: y[SPEED], self.excess_of_motor, {SPEED: 0.0}),
                        Body("fin", lambda y: y[RATE], self.excess_of_fin, {RATE: 0.0}, FIN, p["fin.stop_angle"]))
 
-    def start(self) -> tuple[State, Mode]:
+    def start(self) -> tuple[StateVector, Mode]:
         angle = self.p["fin.start_angle"]
         return [angle, 0.0, self.ratio * angle, 0.0], Mode()
 
@@ -54,7 +54,7 @@ class Servo(Actuator):
 
         last, integral = counted(p["fin.start_angle"]), 0.0
 
-        def sample(y: State, command: float, enable: bool) -> float:
+        def sample(y: StateVector, command: float, enable: bool) -> float:
             nonlocal last, integral
             now = counted(y[FIN])
             error = counted(clip(command, p["command.limit"])) - now
@@ -72,14 +72,14 @@ class Servo(Actuator):
         """Return loads and supply from a row of inputs, with a delayed duty cycle [1] as reference."""
         return surroundings(self.p, row, reference, self.supply[0])
 
-    def outputs(self, y: State, _around: Surroundings) -> State:
+    def outputs(self, y: StateVector, _around: Surroundings) -> StateVector:
         return y
 
-    def windup(self, y: State) -> float:
+    def windup(self, y: StateVector) -> float:
         """Return the motor's angle over the gear ratio minus the fin's [rad]."""
         return y[MOTOR] / self.ratio - y[FIN]
 
-    def driven(self, y: State, around: Surroundings) -> float:
+    def driven(self, y: StateVector, around: Surroundings) -> float:
         """Return the motor's torque, referred to the output [N.m]."""
         if not around.enable:
             return 0.0
@@ -89,7 +89,7 @@ class Servo(Actuator):
         return share * p["motor.stall_torque"] * (duty * around.supply / p["motor.nominal_voltage"]
                                                   - y[SPEED] / self.ratio / p["motor.no_load_speed"])
 
-    def transmitted(self, y: State, contact: int) -> float:
+    def transmitted(self, y: StateVector, contact: int) -> float:
         """Return the torque from the gear to the fin [N.m]."""
         if not contact and self.half_play:
             return 0.0
@@ -97,7 +97,7 @@ class Servo(Actuator):
         return (p["gear.stiffness"] * (self.windup(y) - contact * self.half_play)
                 + p["gear.damping"] * (y[SPEED] / self.ratio - y[RATE]))
 
-    def rubbing(self, y: State, contact: int, around: Surroundings) -> float:
+    def rubbing(self, y: StateVector, contact: int, around: Surroundings) -> float:
         """Return the dry friction of the gear, referred to the output [N.m]."""
         p = self.p
         mean = (abs(self.driven(y, around)) + abs(self.transmitted(y, contact))) / 2.0
@@ -105,25 +105,25 @@ class Servo(Actuator):
         slow: float = math.exp(-abs(y[SPEED]) / self.ratio / p["friction.stribeck_speed"])
         return (p["friction.gear"] + share * mean) * (1.0 + p["friction.stribeck_share"] * slow)
 
-    def on_motor(self, y: State, contact: int, around: Surroundings) -> float:
+    def on_motor(self, y: StateVector, contact: int, around: Surroundings) -> float:
         """Return the torque on the motor without dry friction, referred to the output [N.m]."""
         return (self.driven(y, around) - self.transmitted(y, contact)
                 - self.p["friction.gear_viscous"] * y[SPEED] / self.ratio - self.rotor * around.faster[1] / self.ratio)
 
-    def on_fin(self, y: State, contact: int, around: Surroundings) -> float:
+    def on_fin(self, y: StateVector, contact: int, around: Surroundings) -> float:
         """Return the torque on the fin without dry friction [N.m]."""
         return (self.transmitted(y, contact) + hinge_moment(self.masses, self.inertia, y[FIN], around)
                 - self.hinge_viscous * y[RATE])
 
-    def excess_of_motor(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
+    def excess_of_motor(self, y: StateVector, mode: Mode, around: Surroundings, side: int) -> float:
         """Return the torque [N.m] on the resting motor towards `side` beyond stiction, referred to the output."""
         return side * self.on_motor(y, mode.contact, around) - self.rubbing(y, mode.contact, around)
 
-    def excess_of_fin(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
+    def excess_of_fin(self, y: StateVector, mode: Mode, around: Surroundings, side: int) -> float:
         """Return the torque [N.m] on the resting fin towards `side` beyond stiction."""
         return side * self.on_fin(y, mode.contact, around) - self.hinge_dry
 
-    def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
+    def slope(self, y: StateVector, mode: Mode, around: Surroundings) -> tuple[float, ...]:
         motor = (self.on_motor(y, mode.contact, around) - mode.motor * self.rubbing(y, mode.contact, around)
                  ) / self.rotor * self.ratio
         fin = (self.on_fin(y, mode.contact, around) - mode.fin * self.hinge_dry) / self.inertia

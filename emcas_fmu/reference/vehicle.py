@@ -10,9 +10,10 @@ Triple = tuple[float, float, float]
 
 STANDARD_GRAVITY = 9.80665  # m/s2
 _AXES = "xyz"
-MOTION = tuple(f"{kind}.{axis}" for kind in ("acceleration", "angular_rate", "angular_acceleration") for axis in _AXES)
+VEHICLE_MOTION = tuple(f"{vector}.{axis}" for vector in ("acceleration", "angular_rate", "angular_acceleration")
+                       for axis in _AXES)
 INPUTS_AT_REST = dict.fromkeys(
-    ("fin_command", "aero_torque", *MOTION, "attitude.roll", "attitude.pitch", "attitude.yaw"), 0.0)
+    ("fin_command", "aero_torque", *VEHICLE_MOTION, "attitude.roll", "attitude.pitch", "attitude.yaw"), 0.0)
 # Parameters of friction about the hinge [N.m] and [N.m.s/rad], and of friction in cylinder and pump.
 _HINGE_FRICTION = {"coulomb": ("friction.fin_coulomb",), "viscous": ("friction.fin_viscous",)}
 _FLUID_FRICTION = {

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from .events import Event, State, Value
+from .events import Event, Scalar, StateVector
 from .plant import Geared, Mode
 from .vehicle import Surroundings
 
@@ -21,7 +21,7 @@ _KEPT = 1e-10
 class WormPlant(Geared):
     """A worm and its wheel between motor and fin."""
 
-    def __init__(self, parameters: Mapping[str, Value]):
+    def __init__(self, parameters: Mapping[str, Scalar]):
         p = parameters
         super().__init__(p, p["worm.teeth"] / p["worm.starts"], p["inertia.worm"])
         self.worm_radius = 0.5 * p["worm.module"] * p["worm.diameter_quotient"]
@@ -42,7 +42,7 @@ class WormPlant(Geared):
         return (self.wheel_radius * (self.normal * cosine - rub * sine),
                 self.worm_radius * (self.normal * sine + rub * cosine))
 
-    def _torques(self, y: State, way: int, around: Surroundings) -> tuple[float, float]:
+    def _torques(self, y: StateVector, way: int, around: Surroundings) -> tuple[float, float]:
         """Return torque on the worm and moment on the wheel [N.m] without flank forces, for motion along `way`."""
         delta, omega, current = y[:3]
         rotor = (self.p["inertia.motor"] + self.p["inertia.screw"]) * around.faster[0]
@@ -55,7 +55,7 @@ class WormPlant(Geared):
         """Return a value [kg.m2 N.m] with the sign of the flank force, from torques on worm and wheel without it."""
         return worm * self.fin_inertia - self.motor_inertia * self.turns * wheel
 
-    def turning(self, y: State, mode: Mode, around: Surroundings) -> float:
+    def turning(self, y: StateVector, mode: Mode, around: Surroundings) -> float:
         """Return the acceleration of the fin [rad/s2]."""
         if not mode.motion:
             return 0.0
@@ -65,13 +65,13 @@ class WormPlant(Geared):
         force = self._pressing(worm, wheel) / inertia
         return (wheel + force * on_wheel) / self.fin_inertia
 
-    def excess(self, y: State, _mode: Mode, around: Surroundings, side: int) -> float:
+    def excess(self, y: StateVector, _mode: Mode, around: Surroundings, side: int) -> float:
         """Return the torque [N.m] on a resting worm towards `side` beyond stiction."""
         worm, wheel = self._torques(y, side, around)
         on_wheel, on_worm = self._levers(0.0, 1 if wheel * side < 0.0 else -1)
         return side * (worm + wheel / on_wheel * on_worm)
 
-    def settled(self, y: State, mode: Mode, around: Surroundings) -> Mode:
+    def settled(self, y: StateVector, mode: Mode, around: Surroundings) -> Mode:
         """Return the mode in which the fin starts if nothing holds it, with the flank that the load presses."""
         mode = super().settled(y, mode, around)
         pressing = self._pressing(*self._torques(y, mode.motion, around)) if mode.motion else 0.0

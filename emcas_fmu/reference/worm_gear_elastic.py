@@ -12,7 +12,7 @@ from operator import itemgetter
 from typing import Any
 
 from .drive import Driven
-from .events import Body, Event, State, Value
+from .events import Body, Event, Scalar, StateVector
 from .plant import Mode
 from .vehicle import Surroundings
 from .worm_gear import WormPlant
@@ -26,7 +26,7 @@ class MeshPlant(WormPlant):
 
     accuracy = WormPlant.accuracy._replace(scales=(1e-2, 1.0, 1.0, 1.0, 1e-2, 1.0))
 
-    def __init__(self, parameters: Mapping[str, Value]):
+    def __init__(self, parameters: Mapping[str, Scalar]):
         if refused := [name for name in _REFUSED if parameters[name]]:
             raise ValueError(f"{refused[0]} must be 0: this reference does not model it")
         super().__init__(parameters)
@@ -46,61 +46,61 @@ class MeshPlant(WormPlant):
         self.bodies = (Body("motion", itemgetter(1), self._worm_excess, {1: 0.0}),
                        Body("fin", itemgetter(5), self._fin_excess, {5: 0.0}, 4, self.stop))
 
-    def start(self) -> tuple[State, Mode]:
+    def start(self) -> tuple[StateVector, Mode]:
         """Return the state at rest at the start angle, with the tooth in the middle of its gap, and its mode."""
         state, mode = super().start()
         return [*state, state[0], 0.0], mode
 
-    def outputs(self, y: State, around: Surroundings) -> tuple[float, ...]:
+    def outputs(self, y: StateVector, around: Surroundings) -> tuple[float, ...]:
         return *y[4:], *super().outputs(y, around)[2:]
 
-    def _penetration(self, y: State, side: int) -> float:
+    def _penetration(self, y: StateVector, side: int) -> float:
         """Return the penetration [rad] of the flanks on a side."""
         return side * (y[0] - y[4]) - self.half_gap
 
-    def _pressure(self, y: State, side: int) -> float:
+    def _pressure(self, y: StateVector, side: int) -> float:
         """Return the moment [N.m] that presses the flanks on a side together; below 0 they would pull."""
         return self.stiffness * self._penetration(y, side) + self.damping * side * (y[1] - y[5])
 
-    def _moment(self, y: State, mode: Mode) -> float:
+    def _moment(self, y: StateVector, mode: Mode) -> float:
         """Return the moment [N.m] of the flanks on the wheel."""
         return mode.flank * self._pressure(y, mode.flank) if mode.flank else 0.0
 
-    def _worm_torque(self, y: State, mode: Mode, around: Surroundings, way: int) -> float:
+    def _worm_torque(self, y: StateVector, mode: Mode, around: Surroundings, way: int) -> float:
         """Return the torque [N.m] on a worm that turns in the direction `way`."""
         moment = self._moment(y, mode)
         on_wheel, on_worm = self._levers(y[1], 1 if moment * way > 0.0 else -1)
         return self._torques([y[4], *y[1:3]], way, around)[0] - moment / on_wheel * on_worm
 
-    def _fin_moment(self, y: State, mode: Mode, around: Surroundings, way: int) -> float:
+    def _fin_moment(self, y: StateVector, mode: Mode, around: Surroundings, way: int) -> float:
         """Return the moment [N.m] on a fin that turns in the direction `way`."""
         return self._moment(y, mode) + self._torques([y[4], y[5], 0.0], way, around)[1]
 
-    def turning(self, y: State, mode: Mode, around: Surroundings) -> float:
+    def turning(self, y: StateVector, mode: Mode, around: Surroundings) -> float:
         """Return the acceleration of the worm divided by the ratio [rad/s2]."""
         way = mode.motion
         return self._worm_torque(y, mode, around, way) / (self.motor_inertia * self.turns) if way else 0.0
 
-    def slope(self, y: State, mode: Mode, around: Surroundings) -> tuple[float, ...]:
+    def slope(self, y: StateVector, mode: Mode, around: Surroundings) -> tuple[float, ...]:
         fin = self._fin_moment(y, mode, around, mode.fin) / self.fin_inertia if mode.fin else 0.0
         return *super().slope(y, mode, around), y[5], fin
 
-    def _worm_excess(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
+    def _worm_excess(self, y: StateVector, mode: Mode, around: Surroundings, side: int) -> float:
         """Return the torque [N.m] on a resting worm towards `side` beyond stiction."""
         return side * self._worm_torque(y, mode, around, side)
 
-    def _fin_excess(self, y: State, mode: Mode, around: Surroundings, side: int) -> float:
+    def _fin_excess(self, y: StateVector, mode: Mode, around: Surroundings, side: int) -> float:
         """Return the moment [N.m] on a resting fin towards `side` beyond stiction."""
         return side * self._fin_moment(y, mode, around, side)
 
-    def _met(self, y: State, side: int) -> float:
+    def _met(self, y: StateVector, side: int) -> float:
         """Return a margin [N.m] that is above 0 where the flanks on a side overlap and press on each other.
 
         It is below 0 when they have just separated, so that contact within the first step is detected.
         """
         return min(self.stiffness * self._penetration(y, side), self._pressure(y, side)) - _LEFT
 
-    def settled(self, y: State, mode: Mode, around: Surroundings) -> Any:
+    def settled(self, y: StateVector, mode: Mode, around: Surroundings) -> Any:
         if not self.half_gap and not mode.flank:
             mode = mode._replace(flank=1 if self._pressure(y, 1) >= 0.0 else -1)
         return Driven.settled(self, y, mode, around)

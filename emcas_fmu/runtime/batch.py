@@ -13,7 +13,7 @@ import numpy as np
 from ..actuators import NONLINEAR, get
 from ..parameters import ParameterError
 from ..support.progress import Progress, silent
-from .codegen import MOTION
+from .codegen import MOTION_SLICE
 from .compiled import REASONS, Array, address, by_schedule, doubles, longest_line, prepare, refusal
 from .library import WORTH_VECTORS, loaded, vectors
 
@@ -64,7 +64,7 @@ class Batch:
         """Outputs [outputs, count] at the end of the last step, in the interface's order and in SI."""
         self._results = np.zeros(count, dtype=np.intc)
         self._out = address(self._table), stride, address(self._results)
-        self._motion = range(len(actuator.inputs))[MOTION]
+        self._motion = range(len(actuator.inputs))[MOTION_SLICE]
         self._motion_number = 1  # changes with the vehicle's motion
         self._columns: list[Array] = [np.zeros(()) for _ in actuator.inputs]
         self._addresses = (ct.c_void_p * len(self._columns))(*map(address, self._columns))

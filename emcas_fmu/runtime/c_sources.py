@@ -10,7 +10,7 @@ from ..actuators import NONLINEAR, fin_port, get
 from ..actuators.declaration import Actuator
 from ..actuators.fin_port import LONGEST_DELAY
 from ..actuators.positional import identifier
-from ..control import command as bus
+from ..control import command_bus
 from ..physics.loads import LOADS
 from ..trace import elementary
 from ..trace.c_source import c_elementary, c_number, c_source
@@ -88,11 +88,11 @@ def model_header(actuator: Actuator) -> str:
         actuator.states, actuator.controller_states, actuator.sampled_states))
     return header(
         "model", "Sizes, limits and the order of the inputs", "enum {\n"
-        f"    CORE_LINE = {LONGEST_DELAY + 2 + bus.LONGEST},\n    CORE_MOST_EVENTS = {core.MOST_EVENTS},\n"
-        f"    CORE_MOST_TICKS = {core.MOST_TICKS},\n    MODEL_INPUTS = {len(names)},\n"
-        f"    MODEL_OUTPUTS = {len(actuator.outputs)},\n    MODEL_PARAMETERS = {len(actuator.parameters)},\n"
-        f"    CORE_PLANT = {plant},\n    CORE_CONTROLLER = {controller},\n"
-        f"    CORE_SAMPLED = {controller + 2 + sampled},\n"
+        f"    CORE_LINE = {LONGEST_DELAY + 2 + command_bus.LONGEST_LATENCY},\n"
+        f"    CORE_MOST_EVENTS = {core.MOST_EVENTS},\n    CORE_MOST_TICKS = {core.MOST_TICKS},\n"
+        f"    MODEL_INPUTS = {len(names)},\n    MODEL_OUTPUTS = {len(actuator.outputs)},\n"
+        f"    MODEL_PARAMETERS = {len(actuator.parameters)},\n    CORE_PLANT = {plant},\n"
+        f"    CORE_CONTROLLER = {controller},\n    CORE_SAMPLED = {controller + 2 + sampled},\n"
         f"    CORE_LOADS = {loads},\n    CORE_MOTION_LOADS = {loads - 1},\n"
         f"    MODEL_MOTION = {motion}\n}};\n\n"
         f"/* Messages of core_result. */\n#define CORE_REASONS {{{', '.join(map(c_text, core.REASONS))}}}\n"
@@ -111,7 +111,7 @@ def model_header(actuator: Actuator) -> str:
         "/* measured fin angle, whether a limit was met */\n"
         f"#define CORE_SHOWN_OF(state) {listed('(state)->sampled', 2, controller)[2:]}\n"
         f"/* {sampled_states} */\n#define CORE_HELD_OF(state) {listed('(state)->sampled', sampled, controller + 2)}\n"
-        f"/* {', '.join(v.name for v in fin_port.MOTION)} */\n"
+        f"/* {', '.join(v.name for v in fin_port.VEHICLE_MOTION)} */\n"
         f"#define MODEL_MOTION_OF(motion) {listed('(motion)', motion)[2:]}\n"
         f"/* {', '.join(LOADS)} */\n#define CORE_LOADS_OF(inputs) {listed('(inputs)->loads', loads)}\n"
         f"#define CORE_FURTHER_OF(inputs) {listed('(inputs)->further', len(further))}\n"

@@ -15,7 +15,7 @@ from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
 from ..physics.loads import LOADS, MotionLoads
 from ..support.bounded import Endless, bounded
-from ..trace.dependencies import ZERO, Known, dependencies, of_parameters
+from ..trace.dependencies import ZERO, Dependence, dependencies, of_parameters
 from ..trace.python_source import python_source
 from ..trace.repeated import LocatedTracer, changed, same
 from ..trace.tracer import Tracer
@@ -25,23 +25,23 @@ from .core import FIRST, Core, Functions, Inputs, Sizes, inputs_of
 from .multi_fin import MultiFin
 
 Make = Callable[[Mapping[str, Any]], tuple[Callable[..., tuple[Any, ...]], ...]]
-Traced = tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]]
+NamedFunction = tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]]
 _Kind = TypeVar("_Kind", bound=Tracer)
 
-MOTION = slice(FIRST, FIRST + len(fin_port.MOTION))  # the vehicle's motion among an actuator's inputs
+MOTION_SLICE = slice(FIRST, FIRST + len(fin_port.VEHICLE_MOTION))  # the vehicle's motion among an actuator's inputs
 
 
-def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
+def functions(actuator: Actuator, several: bool = False) -> tuple[NamedFunction, ...]:
     """Return the functions of a program: for each its name, its arguments after ops and p, and the function.
 
     For several fins the program also mixes the commands and steps the line of the supply, if there is one
     (:mod:`emcas_fmu.actuators.supply_line`).
     """
-    one: tuple[Traced, ...] = (
+    one: tuple[NamedFunction, ...] = (
         ("schedule", (), lambda ops, p: schedule.schedule(ops, p, actuator)),
         ("locate", ("time",), lambda ops, p, time: schedule.locate(ops, p, actuator, time)),
         *positional.functions(actuator))
-    mixing: tuple[Traced, ...] = (
+    mixing: tuple[NamedFunction, ...] = (
         ("mixed_command", ("command", "roll", "pitch", "yaw"),
          lambda ops, p, *commands: (fin_port.mixed_command(ops, p, *commands),)),)
     if not several:
@@ -49,7 +49,7 @@ def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
     return (*one, *mixing, *(_of_line(actuator, actuator.supply) if actuator.supply else ()))
 
 
-def _of_line(actuator: Actuator, supply: Supply) -> tuple[Traced, ...]:
+def _of_line(actuator: Actuator, supply: Supply) -> tuple[NamedFunction, ...]:
     """Return the functions of the line that several fins share."""
     line, names = supply.line, [v.name for v in supply.line.parameters]
     plant, supply_course = tuple(s.name for s in actuator.states), supply.course
@@ -77,7 +77,7 @@ def _of_line(actuator: Actuator, supply: Supply) -> tuple[Traced, ...]:
         *((("line_course", ("interval", "current", "before", *plant), course),) if supply_course else ()))
 
 
-def traced_functions(model: str, functions: Collection[Traced]) -> Tracer:
+def traced_functions(model: str, functions: Collection[NamedFunction]) -> Tracer:
     """Return functions of an actuator, traced over its parameters in their order.
 
     Functions in a user's file are traced twice. Raises EmcasError naming file and line if a function cannot be traced,
@@ -91,12 +91,12 @@ def traced_functions(model: str, functions: Collection[Traced]) -> Tracer:
     raise changed(again if same(tracer, located) else tracer, located, partial(external.of_function, actuator))
 
 
-def _filled(tracer: _Kind, actuator: Actuator, functions: Iterable[Traced]) -> _Kind:
+def _filled(tracer: _Kind, actuator: Actuator, functions: Iterable[NamedFunction]) -> _Kind:
     """Trace functions of an actuator with a tracer, and return the tracer."""
     p = actuator.namespace({v.name: tracer.parameter(v.name) for v in actuator.parameters})
     for name, arguments, function in functions:
         try:
-            with nullcontext() if actuator.source is None else bounded(external.LONGEST):
+            with nullcontext() if actuator.source is None else bounded(external.LONGEST_IMPORT):
                 tracer.function(name, arguments, partial(function, tracer, p))
         except (Exception, Endless) as error:
             if actuator.source is None or isinstance(error, EmcasError):
@@ -136,7 +136,7 @@ def used(model: str) -> dict[str, frozenset[str]]:
     """
     actuator = get(model)
 
-    def of_fault(fault: PlantFault) -> Traced:
+    def of_fault(fault: PlantFault) -> NamedFunction:
         names = tuple(v.name for v in fault.amounts)
 
         def changes(ops: Ops, p: Any, *amounts: Value) -> tuple[Value, ...]:
@@ -149,9 +149,9 @@ def used(model: str) -> dict[str, frozenset[str]]:
     further = (*of_line, *map(of_fault, actuator.faults))
     result: dict[str, frozenset[str]] = {}
     for tracer in (traced(False, model), traced_rules(model), traced_functions(model, further)):
-        fixed = of_parameters(tracer, {key: Known(names=frozenset({key})) for _, key in tracer.parameters})
+        fixed = of_parameters(tracer, {key: Dependence(names=frozenset({key})) for _, key in tracer.parameters})
         for function in tracer.functions:
-            arguments = [Known(names=frozenset({name})) for name in function.arguments]
+            arguments = [Dependence(names=frozenset({name})) for name in function.arguments]
             result[function.name] = frozenset().union(*(
                 known.names for known in dependencies(tracer, function.name, arguments, fixed)))
     return result
@@ -161,14 +161,14 @@ def used(model: str) -> dict[str, frozenset[str]]:
 def direct_inputs(model: str) -> Mapping[str, tuple[str, ...]]:
     """Return the inputs on which each output depends directly, not through states; outputs without any are left out."""
     actuator = get(model)
-    states = [Known()] * (len(actuator.states) + 4 + len(actuator.sampled_states))
+    states = [Dependence()] * (len(actuator.states) + 4 + len(actuator.sampled_states))
     direct = {name: tuple(v.name for v in actuator.inputs if v.name in known.names)
               for name, known in _outputs(model, states).items()}
     return {name: inputs for name, inputs in direct.items() if inputs}
 
 
 @cache
-def initial_values(model: str) -> Mapping[str, Known]:
+def initial_values(model: str) -> Mapping[str, Dependence]:
     """Return the bounds and dependencies of the outputs' initial values, by the outputs' names."""
     actuator = get(model)
     tracer = traced(False, model)
@@ -189,11 +189,11 @@ def line_started_by(model: str) -> frozenset[str]:
     return frozenset().union(*(state.names for state in states))
 
 
-def _outputs(model: str, states: Sequence[Known]) -> dict[str, Known]:
+def _outputs(model: str, states: Sequence[Dependence]) -> dict[str, Dependence]:
     """Return the bounds and dependencies of each output, computed from those of the states."""
     actuator, tracer = get(model), traced(False, model)
     inputs, fixed = _known(actuator.inputs), of_parameters(tracer, _known(actuator.parameters))
-    motion_loads = dependencies(tracer, "motion_loads", [inputs[v.name] for v in fin_port.MOTION], fixed)
+    motion_loads = dependencies(tracer, "motion_loads", [inputs[v.name] for v in fin_port.VEHICLE_MOTION], fixed)
     outputs = dependencies(tracer, "outputs", (
         *states, inputs["fin_command"], inputs["aero_torque"], *motion_loads,
         ZERO if actuator.supply is None else inputs[actuator.supply.input.name], inputs["enable"],
@@ -201,12 +201,12 @@ def _outputs(model: str, states: Sequence[Known]) -> dict[str, Known]:
     return {v.name: known for v, known in zip(actuator.outputs, outputs, strict=True)}
 
 
-def _known(variables: Iterable[Variable]) -> dict[str, Known]:
+def _known(variables: Iterable[Variable]) -> dict[str, Dependence]:
     """Return the bounds of variables by name: parameters are within their limits, inputs may have any value."""
     known = {}
     for v in variables:
         limits = (0.0, 1.0) if v.kind == "Boolean" else (v.minimum, v.maximum) if v.causality == "parameter" else ()
-        known[v.name] = Known(*limits)._replace(names=frozenset({v.name}))
+        known[v.name] = Dependence(*limits)._replace(names=frozenset({v.name}))
     return known
 
 
@@ -221,21 +221,21 @@ def source(several: bool = False, model: str = NONLINEAR, spelt: Callable[[str],
                          "The actuator's equations as straight-line code; generated, do not edit.", spelt)
 
 
-def bound(values: Mapping[str, Any], model: str = NONLINEAR, several: bool = False) -> Functions:
+def bound_functions(values: Mapping[str, Any], model: str = NONLINEAR, several: bool = False) -> Functions:
     """Return the functions of an actuator with these parameters, in Python."""
     return make(several, model)(values)
 
 
-def core(values: Mapping[str, Any], model: str = NONLINEAR, bind: Callable[..., Functions] = bound) -> Core:
-    """Return a core of an actuator with these parameters, in Python; `bind` returns its functions as `bound` does."""
+def core(values: Mapping[str, Any], model: str = NONLINEAR, bind: Callable[..., Functions] = bound_functions) -> Core:
+    """Return a core of an actuator with these parameters, in Python; `bind` returns its `bound_functions`."""
     return Core(bind(values, model), sizes(get(model)))
 
 
 def multi_fin(sets: Sequence[Mapping[str, Any]], line: Sequence[float], model: str = NONLINEAR,
-              bind: Callable[..., Functions] = bound) -> MultiFin:
+              bind: Callable[..., Functions] = bound_functions) -> MultiFin:
     """Return the cores of several fins with these parameters, on one line with the parameters `line`, in Python.
 
-    `bind` returns the functions of a fin as `bound` does.
+    `bind` returns the `bound_functions` of a fin.
     """
     actuator, each = get(model), [bind(values, model, True) for values in sets]
     return MultiFin(each, line, power_index(actuator), sizes(actuator))
@@ -243,7 +243,8 @@ def multi_fin(sets: Sequence[Mapping[str, Any]], line: Sequence[float], model: s
 
 def core_inputs(core: Core, row: Sequence[Any], actuator: Actuator) -> Inputs:
     """Return the inputs of a core from a row of its actuator's inputs."""
-    return inputs_of(row, core.motion_loads(*row[MOTION]), len(fin_port.MOTION), actuator.supply is not None)
+    motion = row[MOTION_SLICE]
+    return inputs_of(row, core.motion_loads(*motion), len(motion), actuator.supply is not None)
 
 
 def inputs_at_rest(command: float, aero_torque: float, supply: float, enable: bool = True, *further: float) -> Inputs:
@@ -258,7 +259,7 @@ def power_index(actuator: Actuator) -> int | None:
 
 def sizes(actuator: Actuator) -> Sizes:
     """Return the sizes of an actuator's core."""
-    return Sizes(len(actuator.states), len(actuator.controller_states), len(fin_port.MOTION), len(LOADS),
+    return Sizes(len(actuator.states), len(actuator.controller_states), len(fin_port.VEHICLE_MOTION), len(LOADS),
                  len(actuator.acting_inputs))
 
 

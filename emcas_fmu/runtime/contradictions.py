@@ -16,7 +16,7 @@ from ..actuators import fin_port
 from ..actuators.declaration import Actuator, SampleInputs
 from ..actuators.external import of_function
 from ..actuators.positional import identifier
-from ..control import command as bus
+from ..control import command_bus
 from ..errors import EmcasError, location
 from ..namespace import Record
 from ..ops.located import LocatedFloats, located
@@ -63,7 +63,7 @@ class Samples:
     def require_all_set(self) -> None:
         """Raise EmcasError for a state of the controllers that no sample sets."""
         p, start = self._started()
-        returned = {*self._actuator.sample(self._ops, p, *self._sample(p, start)), *bus.STATES}
+        returned = {*self._actuator.sample(self._ops, p, *self._sample(p, start)), *command_bus.STATES}
         for state in (*self._actuator.controller_states, *self._actuator.sampled_states):
             if state.name not in returned:
                 raise EmcasError(f"{location(self._actuator.sample)} returns no {state.name}, which nothing else "

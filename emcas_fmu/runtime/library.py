@@ -15,7 +15,7 @@ from typing import Any
 from ..actuators import NONLINEAR, is_shipped, parts
 from ..errors import EmcasError, in_words
 from ..support.files import cache_directory
-from ..support.progress import LOG, warn
+from ..support.progress import LOG, announce
 from ..support.writing import write
 from .c_sources import batch_sources, vector_sources
 from .compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
@@ -67,7 +67,8 @@ def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
             problem = str(error)
             break
     if problem:
-        warn(f"no compiled kernel, {'one actuator at a time' if lanes > 1 else 'Python'} is used instead: {problem}")
+        used = "one actuator at a time" if lanes > 1 else "Python"
+        announce(f"no compiled kernel, {used} is used instead: {problem}")
     return problem or "install a C compiler, or ziglang with  pip install 'emcas-fmu[native]'"
 
 

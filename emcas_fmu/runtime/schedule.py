@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..actuators.declaration import Actuator
-from ..control import command as bus
+from ..control import command_bus
 from ..ops.base import Ops, Value
 
 # Communication points nearer to a tick's boundary than this share of the sample time, but at most a quarter of the
@@ -58,7 +58,7 @@ def schedule(ops: Ops, p: Any, actuator: Actuator) -> Schedule:
     h_before = ops.where(cut, fraction * period / ops.where(cut, before, 1.0), h_after)
     slack = ops.minimum(TOLERANCE * period, 0.25 * ops.minimum(h_before, h_after))
     return Schedule(period, before, after, fraction * period, h_before, h_after, delay_samples,
-                    bus.latency(ops, p), slack)
+                    command_bus.latency(ops, p), slack)
 
 
 def locate(ops: Ops, p: Any, actuator: Actuator, time: Value) -> tuple[Value, ...]:

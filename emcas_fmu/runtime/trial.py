@@ -26,7 +26,7 @@ from ..ops.located import LocatedFloats, located
 from ..parameters import check_parameters
 from ..physics.loads import LOADS
 from ..steppers.events import SwitchedStep
-from ..support.progress import warn
+from ..support.progress import announce
 from . import codegen, contradictions, diagnosis
 from .compiled import Array, Tables
 from .core import Functions
@@ -47,11 +47,11 @@ _GROWTH = 0.05  # 1/s, of an unstable mode; a slower growth may be rounding of t
 # Number of Newton's steps to an equilibrium; smallest relative singular value that is not due to rounding.
 _NEWTON, _SINGULAR = 10, 1e-9
 
-Run = Callable[..., Tables]
+Runner = Callable[..., Tables]
 _tried: set[str] = set()  # models tried in this process
 
 
-def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, run: Run, by_floats: Run) -> None:
+def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, run: Runner, by_floats: Runner) -> None:
     """Warn, once in a process, of a user's actuator that is unstable at rest, starts elsewhere, or ignores an input.
 
     `row` contains its parameters; of its `inputs`, in SI, only the first values of the supply and of further inputs are
@@ -68,7 +68,7 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
     if check_parameters(values, model):
         return
     at_rest = {v.name: float(np.asarray(x).flat[0]) for v, x in zip(actuator.inputs, inputs, strict=True)}
-    at_rest |= dict.fromkeys((v.name for v in (fin_port.COMMAND, fin_port.AERO_TORQUE, *fin_port.MOTION)), 0.0)
+    at_rest |= dict.fromkeys((v.name for v in (fin_port.COMMAND, fin_port.AERO_TORQUE, *fin_port.VEHICLE_MOTION)), 0.0)
     base, extensions = parts(model)
     try:
         # Without the extensions, which set all their states.
@@ -92,32 +92,32 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
                     break
     simulated = partial(_run, run, model)
     for problem in (*_unused(model), *samples.problems(), *contradictions.at_rest(actuator, shown(x))):
-        warn(problem)
+        announce(problem)
     _tried.add(model)
     if actuator.derivatives is not None and (problem := _load_problem(names, x, rates)):
-        warn(f"{actuator.source}: {problem}")
+        announce(f"{actuator.source}: {problem}")
     limit = values["command.limit"]
     near = {**values, "fin.start_angle": _NEAR * limit}  # near the limit, where a drive does not saturate
     sound = not check_parameters(near, model)
     if sound:
         responses = _responses(near, {**at_rest, fin_port.ENABLE.name: 1.0}, simulated, limit, _BEYOND * limit)
         if _differ(responses) or samples.follows_beyond(_BEYOND):  # a slow fin does not reach the limit
-            warn(f"{actuator.source}: fin_angle follows fin_command beyond command.limit; clip the command by "
-                 "em.fin_port.clipped_command(ops, p, inputs.command)")
+            announce(f"{actuator.source}: fin_angle follows fin_command beyond command.limit; clip the command by "
+                     "em.fin_port.clipped_command(ops, p, inputs.command)")
     if _differ(_responses(values, {**at_rest, fin_port.ENABLE.name: 0.0}, simulated, 0.0, 0.5 * limit)):
-        warn(f"{actuator.source}: fin_angle follows fin_command while disabled; use inputs.enable in sample(), or "
-             "u.enabled in the plant")
+        announce(f"{actuator.source}: fin_angle follows fin_command while disabled; use inputs.enable in sample(), or "
+                 "u.enabled in the plant")
     if problem := unstable or _moves_away(values, at_rest, points, simulated):
-        warn(f"{actuator.source}: from rest, without command and load, {problem}; check the signs of stiffness, "
-             "damping, motor torque and control")
+        announce(f"{actuator.source}: from rest, without command and load, {problem}; check the signs of stiffness, "
+                 "damping, motor torque and control")
     elif problem := _starts_elsewhere(actuator, values, at_rest, simulated):
-        warn(f"{actuator.source}: {problem}")
+        announce(f"{actuator.source}: {problem}")
     elif sound:
         for problem in contradictions.moving(actuator, near, responses, _INTERVAL, not extensions):
-            warn(problem)
+            announce(problem)
 
 
-def _run(run: Run, model: str, sets: Sequence[Mapping[str, Any]], inputs: Mapping[str, float], points: int,
+def _run(run: Runner, model: str, sets: Sequence[Mapping[str, Any]], inputs: Mapping[str, float], points: int,
          *bind: Callable[..., Any]) -> Tables:
     rows = np.array([list(values.values()) for values in sets])
     columns = [np.broadcast_to(x, (*np.shape(x)[:-1], points)) for x in inputs.values()]
@@ -179,7 +179,7 @@ def _require_of_port(actuator: Actuator, x: Array, shown: Callable[[Array], Mapp
                              f"{value:.4g}; leave it out: the fin port has it")
 
 
-def _starts_elsewhere(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float], run: Run) -> str:
+def _starts_elsewhere(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float], run: Runner) -> str:
     """Return a message if a fin, commanded to stay at its start angle, is elsewhere or always saturated; or ""."""
     staying = _released(values, inputs, _STEP, run, command=1.0)
     off, start, half = _off(values), staying["fin_angle"][0, 0], _half_distance(staying)
@@ -214,7 +214,7 @@ def _traced(watched: Actuator, values: Mapping[str, Any], model: str) -> Functio
     """Return the functions of the traced program; each of its steps first calls the step of the `watched` copy."""
     k = [name for name, _, _ in codegen.functions(watched)].index("step")
     watch = diagnosis.functions(values, model, actuator=watched, follow=False)[k]
-    program = codegen.bound(values, model)
+    program = codegen.bound_functions(values, model)
 
     def step(*arguments: float) -> tuple[Any, ...]:
         watch(*arguments)
@@ -346,7 +346,7 @@ def _differ(responses: Mapping[str, Array]) -> bool:
     return not np.array_equal(one, other, equal_nan=True)
 
 
-def _moves_away(values: Mapping[str, Any], inputs: Mapping[str, float], points: int, run: Run) -> str:
+def _moves_away(values: Mapping[str, Any], inputs: Mapping[str, float], points: int, run: Runner) -> str:
     """Return a message if a fin that is released off centre does not stay near the centre; otherwise ""."""
     off = _off(values)
     for enable, drive in ((0.0, "disabled"), (1.0, "enabled")):

@@ -11,7 +11,7 @@ from ..actuators import NONLINEAR, get
 from ..bench.fmu import model_of
 from ..parameters import check_parameters
 from .archive import DEFAULT, SspError, read_archive, structure_files
-from .structure import End, Finding, Structure, label, nearest, read_interface, read_structures
+from .structure import End, Problem, SystemStructure, label, nearest, read_interface, read_structures
 
 _SOURCES = ("output", "calculatedParameter", "local", "independent")
 
@@ -24,19 +24,19 @@ class Report:
     """
 
     path: Path
-    findings: tuple[Finding, ...]
+    findings: tuple[Problem, ...]
     variants: tuple[str, ...] = ()
     unchecked: tuple[str, ...] = ()
     connections: int = 0
     parameters: int = 0
 
     @property
-    def errors(self) -> list[Finding]:
+    def errors(self) -> list[Problem]:
         """The findings that make the check fail."""
         return [f for f in self.findings if f.level == "error"]
 
     @property
-    def warnings(self) -> list[Finding]:
+    def warnings(self) -> list[Problem]:
         """The findings that do not make the check fail."""
         return [f for f in self.findings if f.level == "warning"]
 
@@ -59,11 +59,11 @@ def check(path: Path, guid: str | None = None, fmu: Path | None = None, model: s
     try:
         contents = read_archive(path)
     except SspError as error:
-        finding = Finding("error", path.name, "", str(error), "choose an archive that emcas ssp has written")
+        finding = Problem("error", path.name, "", str(error), "choose an archive that emcas ssp has written")
         return Report(path, (finding,), unchecked=(path.name,))
     structures, findings = read_structures(contents)
     if DEFAULT not in contents:
-        findings.append(Finding("error", path.name, "", f"has no {DEFAULT} at its root", "add one: hosts open it"))
+        findings.append(Problem("error", path.name, "", f"has no {DEFAULT} at its root", "add one: hosts open it"))
     for structure in structures:
         new = [*_guids(structure, guid), *_wiring(structure), *_declarations(structure)]
         # Combinations are checked only if there is no other error.
@@ -74,7 +74,7 @@ def check(path: Path, guid: str | None = None, fmu: Path | None = None, model: s
                   sum(len(s.connections) for s in structures), sum(len(s.parameters) for s in structures))
 
 
-def _guids(structure: Structure, required: str | None) -> Iterator[Finding]:
+def _guids(structure: SystemStructure, required: str | None) -> Iterator[Problem]:
     """Yield an error for each FMU whose GUID differs from that recorded in the structure, or from the required one."""
     for name, fmu in structure.fmus.items():
         source, written = structure.sources[name], structure.guids.get(structure.sources[name], "")
@@ -82,11 +82,11 @@ def _guids(structure: Structure, required: str | None) -> Iterator[Finding]:
         of_this_package = written or fmu.model.startswith("EMCAS")
         for wanted, why in ((written, "the archive was written for"), (of_this_package and required, "required is")):
             if wanted and wanted.strip().strip("{}").lower() != fmu.guid.strip().strip("{}").lower():
-                yield Finding("error", structure.file, f"component {name}", f"{source} has GUID {fmu.guid}, {why} "
+                yield Problem("error", structure.file, f"component {name}", f"{source} has GUID {fmu.guid}, {why} "
                               f"{wanted}", "replace it by that FMU, or write a new archive: emcas ssp --fmu FILE")
 
 
-def _wiring(structure: Structure) -> Iterator[Finding]:
+def _wiring(structure: SystemStructure) -> Iterator[Problem]:
     """Yield findings about connections and about inputs and outputs without a connection.
 
     A connection is right from an output to an input without another connection, both with the same type and unit.
@@ -98,7 +98,7 @@ def _wiring(structure: Structure) -> Iterator[Finding]:
         place, (start, end) = f"connection {label(*connection)}", connection
         if unknown := [each for each in connection if each not in structure.connectors]:
             for each in unknown:
-                yield Finding("error", structure.file, place, f"there is no connector {label(each)}",
+                yield Problem("error", structure.file, place, f"there is no connector {label(each)}",
                               "declare it in the Connectors of its component" if each in variables else nearest(
                                   label(each), map(label, structure.connectors), "remove the connection"))
             continue
@@ -106,26 +106,26 @@ def _wiring(structure: Structure) -> Iterator[Finding]:
         sources = [(signals[each].kind in _SOURCES) is bool(each[0]) for each in connection]
         sink = connection[sources[0]]
         if sources[0] == sources[1]:
-            yield Finding("error", structure.file, place, f"both ends are {'sources' if sources[0] else 'inputs'}",
+            yield Problem("error", structure.file, place, f"both ends are {'sources' if sources[0] else 'inputs'}",
                           "connect an output to an input, or a connector of the system to one of the same kind")
         elif sink in fed_by:
-            yield Finding("error", structure.file, place, f"{label(sink)} is fed twice, first by {fed_by[sink]}",
+            yield Problem("error", structure.file, place, f"{label(sink)} is fed twice, first by {fed_by[sink]}",
                           "remove one of the two")
         else:
             fed_by[sink] = label(*connection)
             if sources[1]:
-                yield Finding("warning", structure.file, place, "runs from its end to its start, which libcosim and "
+                yield Problem("warning", structure.file, place, "runs from its end to its start, which libcosim and "
                               "Ecos do not read", "exchange start and end")
         if differs := signals[start].mismatch(signals[end], label(end)):
-            yield Finding("error", structure.file, place, f"{label(start)} {differs[0]}", differs[1])
+            yield Problem("error", structure.file, place, f"{label(start)} {differs[0]}", differs[1])
     used = {end for connection in structure.connections for end in connection}
     for end, signal in variables.items() if used else ():  # without connections, the host feeds the components' inputs
         if end not in used and (signal.kind == "input" or (signal.kind == "output" and not end[0])):
-            yield Finding("warning", structure.file, f"{signal.kind} {label(end)}", "is not wired, while others are",
+            yield Problem("warning", structure.file, f"{signal.kind} {label(end)}", "is not wired, while others are",
                           "wire it, or remove its connector: fmpy feeds it from another signal, or fails")
 
 
-def _declarations(structure: Structure) -> Iterator[Finding]:
+def _declarations(structure: SystemStructure) -> Iterator[Problem]:
     """Yield an error for each connector or parameter that differs from the FMU's variable, or is beyond its limits."""
     variables = structure.variables
     ends = [(near, far) for start, end in reversed(structure.connections) for near, far in ((start, end), (end, start))]
@@ -151,10 +151,10 @@ def _declarations(structure: Structure) -> Iterator[Finding]:
                        "write a value within the limits")
         else:
             continue
-        yield Finding("error", file, place, *problem)
+        yield Problem("error", file, place, *problem)
 
 
-def _combinations(structure: Structure, default: str | None) -> Iterator[Finding]:
+def _combinations(structure: SystemStructure, default: str | None) -> Iterator[Problem]:
     """Yield an error for each combination of parameters that an actuator of this package refuses at initialization.
 
     `default` is the kind of actuator in FMUs whose model name does not contain it.
@@ -166,4 +166,4 @@ def _combinations(structure: Structure, default: str | None) -> Iterator[Finding
         if fmu.variables.keys() >= set(names):
             values = {each: parameters.get((name, each), fmu.variables[each].value or 0) for each in names}
             for problem in check_parameters(values, model):
-                yield Finding("error", structure.file, f"component {name}", problem, "change one of them")
+                yield Problem("error", structure.file, f"component {name}", problem, "change one of them")

@@ -26,7 +26,7 @@ from ..units import UnitError, convert
 from . import archive
 from .archive import ANNOTATION, FMU, NAMESPACES, SSC, SSD, SSV, SspError
 
-Value = float | int | bool | str
+SspValue = float | int | bool | str
 End = tuple[str, str]  # component (empty: the system itself), and connector, variable or parameter
 
 _COMPONENT, _BINDING = f"{{{SSD}}}Component", f"{{{SSD}}}ParameterBinding"
@@ -50,7 +50,7 @@ _RULES: tuple[tuple[Literal["error", "warning"], str, str, str], ...] = (
 
 
 @dataclass(frozen=True)
-class Finding:
+class Problem:
     """A problem of an archive: file, location (`place`, such as a connection or parameter), message and remedy.
 
     With an error hosts fail or compute something else. A warning is about what SSP allows, and may be intended.
@@ -78,7 +78,7 @@ class Signal:
     kind: str
     type: str
     unit: str
-    value: Value | None = None
+    value: SspValue | None = None
     minimum: float = -inf
     maximum: float = inf
     settable: bool = True
@@ -111,7 +111,7 @@ class Interface:
 
 
 @dataclass(frozen=True)
-class Structure:
+class SystemStructure:
     """A system structure: its file in the archive, name, components with their FMUs, connections and parameters.
 
     `sources` are the paths of the FMUs by component, `guids` the recorded GUIDs by path, `sets` pairs of component and
@@ -140,7 +140,7 @@ class Structure:
             end: connector for end, connector in self.connectors.items() if not end[0]}
 
 
-def read_variant(ssp: Path, name: str) -> Structure:
+def read_variant(ssp: Path, name: str) -> SystemStructure:
     """Return the structure of a variant. Raises SspError if the archive has no such variant, or any error."""
     structures, findings = read_structures(archive.read_archive(ssp))
     for error in (f for f in findings if f.level == "error"):
@@ -161,13 +161,13 @@ def label(*ends: End) -> str:
     return " -> ".join(".".join(filter(None, end)) for end in ends)
 
 
-def read_structures(contents: Mapping[str, bytes]) -> tuple[list[Structure], list[Finding]]:
+def read_structures(contents: Mapping[str, bytes]) -> tuple[list[SystemStructure], list[Problem]]:
     """Return the structures of an archive that can be read, and findings about all its documents and FMUs."""
     documents: dict[str, Any] = {}  # root elements and interfaces, by file
-    findings: list[Finding] = []
+    findings: list[Problem] = []
     structures = archive.structure_files(contents)
     for file in (*structures, *(name for name in contents if name.endswith((".ssv", ".fmu")))):
-        new: list[Finding] = []
+        new: list[Problem] = []
         try:
             if file.endswith(".fmu"):
                 document = read_interface(contents[file], file)
@@ -176,7 +176,7 @@ def read_structures(contents: Mapping[str, bytes]) -> tuple[list[Structure], lis
                 new = list(_findings(file, document, contents))
         except SspError as error:
             message, _, remedy = str(error).removeprefix(f"{file}: ").partition("; ")
-            new = [Finding("error", file, "", message, remedy or _CORRECT)]
+            new = [Problem("error", file, "", message, remedy or _CORRECT)]
         if all(f.level == "warning" for f in new):
             documents[file] = document
         findings += new
@@ -184,26 +184,26 @@ def read_structures(contents: Mapping[str, bytes]) -> tuple[list[Structure], lis
         _path(node) for node in documents[file].iter(_COMPONENT, _BINDING)}], findings
 
 
-def _findings(file: str, root: Any, contents: Mapping[str, bytes]) -> Iterator[Finding]:
+def _findings(file: str, root: Any, contents: Mapping[str, bytes]) -> Iterator[Problem]:
     """Yield the findings about a document: schema, form, names, and the files to which it refers."""
     for violation in archive.violations(root, SSD if file.endswith(".ssd") else SSV):
-        yield Finding("error", file, "", violation, _CORRECT)
+        yield Problem("error", file, "", violation, _CORRECT)
     for level, path, message, remedy in _RULES:
         for node in root.xpath(path, namespaces=NAMESPACES):
-            yield Finding(level, file, _name(node), message, remedy)
+            yield Problem(level, file, _name(node), message, remedy)
     for parent in root.xpath("//ssd:Elements | //ssd:Connectors | //ssv:Parameters", namespaces=NAMESPACES):
         for place, count in Counter(map(_name, parent)).items():
             if count > 1:
-                yield Finding("error", file, place, "is declared twice", "rename one of them")
+                yield Problem("error", file, place, "is declared twice", "rename one of them")
     for node in root.iter(_COMPONENT, _BINDING):
         ending = ".fmu" if node.tag == _COMPONENT else ".ssv"
         files = [name for name in contents if name.endswith(ending)]
         if node.get("source") and _path(node) not in files:
-            yield Finding("error", file, _name(node), f"the archive has no {ending} file {_path(node)}",
+            yield Problem("error", file, _name(node), f"the archive has no {ending} file {_path(node)}",
                           nearest(_path(node), files, "add it, or write a new archive"))
 
 
-def _structure(documents: Mapping[str, Any], file: str) -> Structure:
+def _structure(documents: Mapping[str, Any], file: str) -> SystemStructure:
     """Return the structure of a valid document."""
     top = documents[file].find("ssd:System", NAMESPACES)
     components = {node.get("name"): node for node in top.iter(_COMPONENT)}
@@ -213,7 +213,7 @@ def _structure(documents: Mapping[str, Any], file: str) -> Structure:
     # The system is last: its sets override those of its components.
     sets = [(name, _path(node)) for name, element in nodes.items()
             for node in element.iterfind("ssd:ParameterBindings/*", NAMESPACES)]
-    return Structure(
+    return SystemStructure(
         file, documents[file].get("name"), sources, {name: documents[path] for name, path in sources.items()},
         {_path(node): node.get("guid", "") for node in guids},
         {(name, node.get("name")): _signal(node) for name, element in nodes.items()
@@ -279,7 +279,7 @@ def _variable(v: Any) -> Signal:
                   float(minimum or -inf), float(maximum or inf), settable)
 
 
-def _value(kind: str, text: str | None) -> Value | None:
+def _value(kind: str, text: str | None) -> SspValue | None:
     """Return a value of a type of FMI 2.0 from its text. Raises ValueError if the text is not such a value."""
     if kind == "Boolean" and text is not None:
         return text.strip().lower() in ("true", "1")

@@ -21,7 +21,7 @@ from ..fmi.interface import FmuInterface, fin_sets, flat
 from ..fmi.model_description import STEP_SIZE, STOP_TIME
 from ..fmi.package import build
 from ..fmi.units import Unit, fmi_unit
-from ..parameters import Entry, ParameterSet, Value, load_parameters
+from ..parameters import Entry, ParameterSet, Scalar, load_parameters
 from ..rules import SLACK
 from ..support.progress import Progress
 from ..support.writing import check_target, write
@@ -147,7 +147,7 @@ def _plant(fin: ParameterSet) -> ParameterSet:
     return fin if _too_late(fin) else fin.with_values({_DELAY: max(float(fin.values[_DELAY]) - STEP_SIZE, 0.0)})
 
 
-def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:
+def _starts(interface: Interface, file: str, model: str) -> dict[str, Scalar]:
     """Return the FMU's start values by name in a parameter file. Raises SspError for an FMU of another model."""
     actuator = get(model)
     table = (*actuator.inputs, *actuator.outputs, *actuator.parameters)

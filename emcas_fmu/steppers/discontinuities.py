@@ -33,7 +33,7 @@ from ..physics import stick
 from .events import Switched, Values
 from .smooth import Derivatives
 
-Equation = Callable[[Ops, Any, Record, Record], Value] | str | float
+Expression = Callable[[Ops, Any, Record, Record], Value] | str | float
 # The event margins of a limit are larger by this share of 1 + |limit|: they stay positive exactly at the limit.
 _WIDER = 1e-12
 _LINEAR = 1e-6  # relative tolerance of checked derivatives, for the rounding of their larger terms
@@ -43,7 +43,7 @@ def _widening(ops: Ops, limit: Value) -> Value:
     return 0.0 if isinstance(limit, float) and isinf(limit) else _WIDER * (1.0 + ops.fabs(limit))
 
 
-def _value(equation: Equation, ops: Ops, p: Any, x: Record, u: Record) -> Value:
+def _value(equation: Expression, ops: Ops, p: Any, x: Record, u: Record) -> Value:
     if callable(equation):
         return equation(ops, p, x, u)
     return value_of(p, equation) if isinstance(equation, str) else equation
@@ -61,8 +61,8 @@ class Coulomb:
 
     name: str
     rate: str
-    torque: Equation
-    breakaway: Equation = 1.0
+    torque: Expression
+    breakaway: Expression = 1.0
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Stop:
 
     angle: str
     rate: str
-    limit: Equation
+    limit: Expression
 
 
 @dataclass(frozen=True)
@@ -82,9 +82,9 @@ class Limit:
     """
 
     name: str
-    value: Equation
-    high: Equation
-    low: Equation | None = None
+    value: Expression
+    high: Expression
+    low: Expression | None = None
     saturates: bool = True
 
     @property

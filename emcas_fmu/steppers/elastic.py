@@ -93,7 +93,7 @@ def _net_torque(ops: Ops, torque: Value, high: Value, low: Value) -> tuple[Value
     return net, ops.where(torque > high, 1.0, ops.where(torque < low, -1.0, 0.0))
 
 
-def _state_after(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value,
+def _state_after(ops: Ops, p: Any, c: drive_line.DriveLine, s: Pair, acting: Record, mode: _Mode, h: Value,
                  at: Value | None = None) -> Pair:
     """Return the state after `h` [s] if the mode holds.
 
@@ -121,7 +121,7 @@ def _state_after(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, 
     return Pair(*(ops.where(forward, x, y) for x, y in zip(driving, driven, strict=True)))
 
 
-def longest_step(ops: Ops, p: Any, c: drive_line.Line, most: float) -> Value:
+def longest_step(ops: Ops, p: Any, c: drive_line.DriveLine, most: float) -> Value:
     """Return the longest step [s] in which the acceleration of a screw that locks, e < 0, is unique."""
     # -e k, with k = h K/2 + D, is at most the share `most` of 2 J/h, which is also enough for a fin at rest.
     locking = ops.maximum(-screw.backward(ops, p), _LEAST_LOCKING)
@@ -130,7 +130,7 @@ def longest_step(ops: Ops, p: Any, c: drive_line.Line, most: float) -> Value:
     return 2.0 * inertia / (damped + ops.sqrt(damped * damped + locking * c.stiffness * inertia))
 
 
-def _solution(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value, at: Value,
+def _solution(ops: Ops, p: Any, c: drive_line.DriveLine, s: Pair, acting: Record, mode: _Mode, h: Value, at: Value,
               felt: Value | None = None) -> tuple[Pair, Value, Value]:
     """Return the end of :func:`_state_after`, the load on the screw [N.m] and the rotor's direction (-1, 0, 1).
 
@@ -203,7 +203,7 @@ def _solution(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
     return end, spring + k * (w - u) + screw.nut_inertia(p) * 2.0 * (w - s.motor_speed) / h - body_force(), way
 
 
-def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _Mode) -> Values:
+def _margins(ops: Ops, p: Any, c: drive_line.DriveLine, start: Pair, s: Pair, mode: _Mode) -> Values:
     """Return the event margins by name, above 0 until the mode at `start` ends."""
     deflection = s.motor_angle - s.fin_side_angle
     side = ops.where(mode.flank > 0.0, 1.0, -1.0)
@@ -223,7 +223,7 @@ def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _
     }
 
 
-def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Value) -> _Mode:
+def _mode(ops: Ops, p: Any, c: drive_line.DriveLine, s: Pair, acting: Record, h: Value) -> _Mode:
     """Return the mode at the start of a step of `h` [s].
 
     A flank that has just been met presses if the motion without its force would close the gap.

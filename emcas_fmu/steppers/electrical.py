@@ -1,7 +1,7 @@
 """The electrical mode of a drive: the equations that hold in a step, with a current loop, an ideal loop or PWM.
 
 The steppers of all motors and the extensions for heat and supply use these functions, which do not depend on how the
-motor moves. A state `s` has the fields of :class:`Plant`. Actuators that step from event to event
+motor moves. A state `s` has the fields of :class:`Motor`. Actuators that step from event to event
 (:mod:`emcas_fmu.steppers.events`) integrate motor current and drive integral together with their other states; they
 use :func:`rates`, :func:`reserve` and :func:`integral_end`.
 """
@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
 from ..namespace import Record
-from ..ops.base import Ops, Value
+from ..ops.base import TINY, Ops, Value
 from ..physics import drive
 
 # Within this share of the limit the demanded voltage counts as at the limit: the end of a step there is rounded.
@@ -20,11 +20,10 @@ _BAND = 1e-6
 # A voltage limit that falls with the current acts as a resistance. A step at such a limit is at most the larger of two
 # times: the first number times the winding's time constant with that resistance, and the second times the longest tick.
 _RESOLVED, _SHORTEST = 0.1, 0.03
-_TINY = 1e-300  # instead of a divisor of 0
 States = TypeVar("States", bound=tuple[Any, ...])
 
 
-class Plant(NamedTuple):
+class Motor(NamedTuple):
     """The states of motor and drive: angle [rad], speed [rad/s], current [A], drive integral xi [V]."""
 
     motor_angle: Value
@@ -34,7 +33,7 @@ class Plant(NamedTuple):
 
 
 def states(kind: type[States], x: Record) -> States:
-    """Return the states in a tuple of the class `kind`, such as :class:`Plant`, whose fields are names of states."""
+    """Return the states in a tuple of the class `kind`, such as :class:`Motor`, whose fields are names of states."""
     return kind(*(getattr(x, name) for name in kind._fields))  # type: ignore[attr-defined]  # a NamedTuple
 
 
@@ -132,7 +131,7 @@ def resolved_step(ops: Ops, p: Any, s: Any, u: Record, h: Value) -> Value:
         i_ref = drive.current_reference(ops, p, u.reference)
         clipped = ops.fabs(drive.voltage_demand(p, i_ref, s.motor_current, s.drive_integral)) >= limit * (1.0 - _BAND)
         across = drive.inductive_voltage(p, s.motor_speed, 1.0)
-        falling = ops.maximum(across * across * ops.fabs(s.motor_current), _TINY)  # product -V_w dV_w/di
+        falling = ops.maximum(across * across * ops.fabs(s.motor_current), TINY)  # product -V_w dV_w/di
         step = ops.maximum(_SHORTEST * p.solver.max_tick, _RESOLVED * p.motor.inductance * limit / falling)
         return (ops.where(clipped, ops.minimum(h, step), h),)
 

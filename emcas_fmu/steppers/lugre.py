@@ -23,9 +23,9 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive, mechanics
 from . import electrical, rigid
-from .electrical import Plant
+from .electrical import Motor
 from .events import PROGRESS
-from .rigid import Motion, Step
+from .rigid import MotorMechanics, Step
 
 _SERIES = 0.02  # x below which f2 is computed by its series: at this x both forms are accurate to 1e-12
 
@@ -60,7 +60,7 @@ def _bristles(ops: Ops, p: Any, m: mechanics.Mechanics, deflection: Value, at: V
             h * first)
 
 
-def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at: Value | None = None
+def _step(ops: Ops, p: Any, s: Motor, deflection: Value, u: Record, h: Value, at: Value | None = None
           ) -> tuple[Step, Value]:
     """Return a step of a free motor and the deflection at its end [rad].
 
@@ -75,16 +75,16 @@ def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at
     # As in rigid.py, the viscous and the (linearised) centrifugal term use the mid-step speed.
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
     torque = m.load - at_rest - damping * w + m.centrifugal * w * w
-    motion = Motion(1.0, inertia, torque, 0.0, 0.0, m.load)
+    motion = MotorMechanics(1.0, inertia, torque, 0.0, 0.0, m.load)
     d = electrical.electrical_mode(ops, p, s, u, h, lambda: rigid.acceleration(ops, p, s, motion))
     c = rigid.current_course(ops, p, s, motion, d, h)
     speed = w + h * (drive.torque(p, c.mean) + torque) / inertia
-    end = Plant(s.motor_angle + h * c.speed, speed, c.end, rigid.integral_end(ops, p, s, d, c.mean, c.end, speed, h))
+    end = Motor(s.motor_angle + h * c.speed, speed, c.end, rigid.integral_end(ops, p, s, d, c.mean, c.end, speed, h))
     motion = motion._replace(direction=ops.where(end.motor_angle > s.motor_angle, 1.0, -1.0))
     return Step(end, motion, d, c), kept * deflection + gain * c.speed
 
 
-def _free(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, step: Step, end_deflection: Value
+def _free(ops: Ops, p: Any, s: Motor, deflection: Value, u: Record, h: Value, step: Step, end_deflection: Value
           ) -> tuple[Value, ...]:
     """Return state and deflection [rad] of a free motor, and their time [s]: the first event or the end of `step`."""
     side = step.motion.direction
@@ -109,7 +109,7 @@ def _free(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, st
                       rare=True)
 
 
-def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, side: Value) -> tuple[Value, ...]:
+def _at_stop(ops: Ops, p: Any, s: Motor, deflection: Value, u: Record, h: Value, side: Value) -> tuple[Value, ...]:
     """Return the result of :func:`_free` for a motor at rest at the stop on a side (-1 or 1)."""
     m = mechanics.coefficients(ops, p, s.motor_angle + 0.5 * h * s.motor_speed, u)
     spring = p.lugre.stiffness * deflection
@@ -123,11 +123,11 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
     outwards = side * (free.end.motor_angle - s.motor_angle) >= 0.0
 
     def resting(h: Value) -> Step:
-        motion = Motion(0.0, 1.0, 0.0, 0.0, 0.0, m.load, True)
+        motion = MotorMechanics(0.0, 1.0, 0.0, 0.0, 0.0, m.load, True)
         d = electrical.electrical_mode(ops, p, s, u, h)
         c = rigid.current_course(ops, p, s, motion, d, h)
         integral = rigid.integral_end(ops, p, s, d, c.mean, c.end, 0.0, h)
-        return Step(Plant(s.motor_angle, 0.0, c.end, integral), motion, d, c)
+        return Step(Motor(s.motor_angle, 0.0, c.end, integral), motion, d, c)
 
     def stays() -> tuple[Value, ...]:
         step = resting(h)
@@ -148,7 +148,7 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
                       lambda: _free(ops, p, s, deflection, u, h, free, free_deflection))
 
 
-def advance(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value) -> tuple[Plant, Value, Value]:
+def advance(ops: Ops, p: Any, s: Motor, deflection: Value, u: Record, h: Value) -> tuple[Motor, Value, Value]:
     """Return state and deflection [rad] after `h` [s] or at the first event, and the time that has passed [s]."""
     s = s._replace(**electrical.switched(ops, s, u.enabled))
     h = electrical.resolved_step(ops, p, s, u, h)
@@ -158,4 +158,4 @@ def advance(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value) 
     *plant, deflection, used = ops.branch(
         resting, lambda: _at_stop(ops, p, s, deflection, u, h, side),
         lambda: _free(ops, p, s, deflection, u, h, *_step(ops, p, s, deflection, u, h)))
-    return Plant(*plant), deflection, used
+    return Motor(*plant), deflection, used

@@ -15,10 +15,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from ..namespace import Record, with_values
-from ..ops.base import Ops, Value
+from ..ops.base import TINY, Ops, Value
 from ..physics import drive, friction, kinematics, mechanics, screw
 from ..physics.stick import WALL, overcome
-from .electrical import ElectricalMode, Plant, electrical_mode, resolved_step, switched
+from .electrical import ElectricalMode, Motor, electrical_mode, resolved_step, switched
 from .events import PROGRESS, zero_between
 
 # A secant locates the voltage limit if the current's time constant or the time to the limit is below this share of the
@@ -27,10 +27,9 @@ _SETTLED = 1.0 / 16.0
 # A reversing motor is set to rest if, at the computed time, its speed is at most this share of its change in the step.
 # The speed is larger if the current reverses in the step: its zero is then later, and the step ends without the event.
 _REMAINDER = 0.01
-_TINY = 1e-300  # instead of a divisor of 0
 
 
-class Motion(NamedTuple):
+class MotorMechanics(NamedTuple):
     """The mechanics of a motor in a step: inertia dw/dt = K_t i + torque."""
 
     direction: Value  # of the motion: -1, 1, or 0 for a stuck motor
@@ -74,8 +73,8 @@ def _stop_ahead(ops: Ops, p: Any, direction: Value) -> Value:
     return ops.where(direction > 0.0, high_stop, low_stop)
 
 
-def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None, at: Value,
-            felt: Value = 1.0) -> Motion:
+def _motion(ops: Ops, p: Any, s: Motor, u: Record, h: Value, heading: Value | None, at: Value,
+            felt: Value = 1.0) -> MotorMechanics:
     """Return the mechanics of a motor that turns in the direction `heading` (1 or -1) or is at rest (None).
 
     Friction is evaluated at a speed `at` [rad/s]. `felt` is the factor e [-] of the load on a screw with losses.
@@ -105,11 +104,11 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | No
     # The viscous and the (linearised) centrifugal term use the midpoint speed w + h/2 dw/dt.
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
     torque = m.load - dry - damping * w + m.centrifugal * w * w
-    return Motion(direction, inertia, torque, high, low, load, heading is None and ops.equal(direction, 0.0))
+    return MotorMechanics(direction, inertia, torque, high, low, load, heading is None and ops.equal(direction, 0.0))
 
 
-def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: ElectricalMode, h: Value, heading: Value | None,
-                   at: Value) -> Motion:
+def _through_screw(ops: Ops, p: Any, s: Motor, u: Record, d: ElectricalMode, h: Value, heading: Value | None,
+                   at: Value) -> MotorMechanics:
     """Return the motion with the screw's forward efficiency if the step's mean torques drive the load, else backward.
 
     The sign of the load is the same with either efficiency (:mod:`emcas_fmu.physics.screw`). If `at` is against the
@@ -126,7 +125,7 @@ def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: ElectricalMode, h: 
                             torque=ops.where(forward, driving.torque, driven.torque))
 
 
-def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: ElectricalMode, h: Value) -> Current:
+def current_course(ops: Ops, p: Any, s: Motor, motion: MotorMechanics, d: ElectricalMode, h: Value) -> Current:
     """Return the current in a step for the back-EMF at the step's mean speed.
 
     Mean speed and mean integral are linear in the final current, so no iteration is needed. In a disabled drive the
@@ -158,20 +157,20 @@ def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: ElectricalMode
 def time_to(ops: Ops, c: Current, value: Value) -> Value:
     """Return the time [s] at which the current reaches a value [A] between its start and its end."""
     rest = value - c.final
-    ratio = (c.start - c.final) / ops.where(ops.fabs(rest) > _TINY, rest, _TINY)
+    ratio = (c.start - c.final) / ops.where(ops.fabs(rest) > TINY, rest, TINY)
     return c.tau * ops.log(ops.maximum(ratio, 1.0))
 
 
 class Step(NamedTuple):
     """A step without events: the state at its end, and the mechanics, electrical mode and current in the step."""
 
-    end: Plant
-    motion: Motion
+    end: Motor
+    motion: MotorMechanics
     drive: ElectricalMode
     current: Current
 
 
-def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None, at: Value | None = None) -> Step:
+def _step(ops: Ops, p: Any, s: Motor, u: Record, h: Value, heading: Value | None, at: Value | None = None) -> Step:
     """Return a step with friction at a speed `at` [rad/s], by default that of :func:`friction_speed`."""
     if at is None:
         at = friction_speed(ops, p, s, lambda: _step(ops, p, s, u, h, heading, s.motor_speed).current.speed)
@@ -193,7 +192,7 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None
         return ops.where(starts, angle, s.motor_angle), ops.where(starts, speed, 0.0)
 
     angle, speed = ops.branch(motion.stuck, lambda: (s.motor_angle, 0.0), sliding)
-    return Step(Plant(angle, speed, c.end, integral_end(ops, p, s, d, c.mean, c.end, speed, h)), motion, d, c)
+    return Step(Motor(angle, speed, c.end, integral_end(ops, p, s, d, c.mean, c.end, speed, h)), motion, d, c)
 
 
 def friction_speed(ops: Ops, p: Any, s: Any, predicted: Callable[[], Value]) -> Value:
@@ -206,7 +205,7 @@ def friction_speed(ops: Ops, p: Any, s: Any, predicted: Callable[[], Value]) -> 
     return s.motor_speed
 
 
-def acceleration(ops: Ops, p: Any, s: Plant, motion: Motion) -> Value:
+def acceleration(ops: Ops, p: Any, s: Motor, motion: MotorMechanics) -> Value:
     """Return the acceleration [rad/s2] at the start of a step."""
     return ops.where(motion.stuck, 0.0, (drive.torque(p, s.motor_current) + motion.torque) * motion.mobility)
 
@@ -237,7 +236,7 @@ class Events(NamedTuple):
     stopping: Value
 
 
-def voltage_events(ops: Ops, p: Any, d: ElectricalMode, end: Plant) -> Crossing:
+def voltage_events(ops: Ops, p: Any, d: ElectricalMode, end: Motor) -> Crossing:
     """Return whether the demanded voltage meets or leaves its limit in a step to `end`."""
     if p.structure.current == "pwm":
         return False, False
@@ -251,7 +250,7 @@ def voltage_events(ops: Ops, p: Any, d: ElectricalMode, end: Plant) -> Crossing:
     return entering, ops.both(watched, ops.both(ops.negate(free), demand * d.side < limit))
 
 
-def _events(ops: Ops, p: Any, s: Plant, step: Step, heading: Value | None) -> Events:
+def _events(ops: Ops, p: Any, s: Motor, step: Step, heading: Value | None) -> Events:
     end, motion, d, _ = step
     crossing = voltage_events(ops, p, d, end)
     stopping = (end.motor_angle - _stop_ahead(ops, p, motion.direction)) * motion.direction >= 0.0
@@ -263,7 +262,7 @@ def _events(ops: Ops, p: Any, s: Plant, step: Step, heading: Value | None) -> Ev
                   ops.both(ops.negate(stuck), stopping))
 
 
-def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: Value, part: Callable[[Value], Step]
+def voltage_time(ops: Ops, p: Any, s: Motor, step: Step, crossing: Crossing, h: Value, part: Callable[[Value], Step]
                  ) -> Value:
     """Return the time [s] at which the demanded voltage crosses the limit, `h` if it does not.
 
@@ -296,7 +295,7 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
 
     (time,) = ops.branch(p.motor.pole_pairs > 0.0, moving, lambda: (time,))
 
-    def reserve(end: Plant) -> Value:
+    def reserve(end: Motor) -> Value:
         beyond = side * drive.voltage_demand(p, d.i_ref, end.motor_current, end.drive_integral) - d.limit_at(
             ops, p, end.motor_speed, end.motor_current)
         return ops.where(entering, -beyond, beyond)
@@ -310,17 +309,17 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     return ops.where(met, time, h)
 
 
-def stop_time(ops: Ops, s: Plant, step: Step, stopping: Value, stop: Value, h: Value) -> Value:
+def stop_time(ops: Ops, s: Motor, step: Step, stopping: Value, stop: Value, h: Value) -> Value:
     """Return the time [s] in which constant acceleration brings a motor to the stop [rad], `h` unless `stopping`."""
     travel = stop - s.motor_angle
     acceleration = (step.end.motor_speed - s.motor_speed) / h
     root = ops.sqrt(ops.maximum(s.motor_speed * s.motor_speed + 2.0 * acceleration * travel, 0.0))
     divisor = s.motor_speed + step.motion.direction * root
-    time = 2.0 * travel / ops.where(ops.fabs(divisor) > _TINY, divisor, _TINY)
+    time = 2.0 * travel / ops.where(ops.fabs(divisor) > TINY, divisor, TINY)
     return ops.where(stopping, ops.clip(time, 0.0, h), h)
 
 
-def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events, h: Value,
+def _to_first_event(ops: Ops, p: Any, s: Motor, u: Record, step: Step, e: Events, h: Value,
                     heading: Value | None) -> tuple[Value, ...]:
     """Return the state at the first event, and the time until then [s]."""
     stop = _stop_ahead(ops, p, step.motion.direction)
@@ -356,7 +355,7 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
                           motor_speed=ops.where(rests, 0.0, part.motor_speed)), used
 
 
-def _step_to_event(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None) -> tuple[Value, ...]:
+def _step_to_event(ops: Ops, p: Any, s: Motor, u: Record, h: Value, heading: Value | None) -> tuple[Value, ...]:
     step = _step(ops, p, s, u, h, heading)
     e = _events(ops, p, s, step, heading)
     any_motion = ops.either(ops.either(e.up, e.down), ops.either(e.reversing, e.stopping))
@@ -364,7 +363,7 @@ def _step_to_event(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Val
                       lambda: _to_first_event(ops, p, s, u, step, e, h, heading), lambda: (*step.end, h), rare=True)
 
 
-def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Value]:
+def advance(ops: Ops, p: Any, s: Motor, u: Record, h: Value) -> tuple[Motor, Value]:
     """Return the state after `h` [s] or at the first event in that time, and the time that has passed [s]."""
     s = s._replace(**switched(ops, s, u.enabled))
     if p.structure.current != "loop":
@@ -374,10 +373,10 @@ def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Val
         *plant, used = ops.branch(p.motor.pole_pairs > 0.0,
                                   lambda: _by_direction(ops, p, s, u, resolved_step(ops, p, s, u, h)),
                                   lambda: _by_direction(ops, fixed, s, u, h))
-    return Plant(*plant), used
+    return Motor(*plant), used
 
 
-def _by_direction(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Value, ...]:
+def _by_direction(ops: Ops, p: Any, s: Motor, u: Record, h: Value) -> tuple[Value, ...]:
     """Return the result of :func:`advance` for a motor that turns or is at rest."""
     return ops.branch(ops.fabs(s.motor_speed) > 0.0,
                       lambda: _step_to_event(ops, p, s, u, h, ops.where(s.motor_speed > 0.0, 1.0, -1.0)),

@@ -20,7 +20,7 @@ STOP = 0.4  # s, duration of each response
 # Initial value, lower bound and upper bound of each fitted parameter, SI.
 _SEARCHED = {"second_order.natural_frequency": (100.0, 5.0, 2000.0), "second_order.damping": (0.7, 0.05, 3.0),
              "second_order.rate_limit": (4.0, 0.1, 100.0), "drive.transport_delay": (3e-3, 0.0, 0.03)}
-NAMES = tuple(_SEARCHED)
+FITTED = tuple(_SEARCHED)
 _BEGIN, _LOWEST, _HIGHEST = np.array(list(_SEARCHED.values())).T
 _AT_BOUND = 1e-3  # largest distance from a bound, as a share of the range, at which a value counts as at the bound
 _NOTE = "Fitted to the nonlinear model."
@@ -32,7 +32,7 @@ _DERIVATIVE_STEP = 3e-3  # relative change of a parameter for a numerical deriva
 
 
 @dataclass(frozen=True)
-class Fit:
+class SecondOrderFit:
     """The fitted parameters; for each of the `sizes` [deg] the `largest` and the `rms` difference [% of the size].
 
     `undetermined` are the names of the parameters on which no response depends; they have their initial values.
@@ -64,12 +64,12 @@ class Fit:
 
     def figures(self) -> dict[str, Any]:
         """Return the fitted values [SI] and the remaining differences [% of the size] for JSON."""
-        return {"parameters": {name: self.parameters.values[name] for name in NAMES}, "at_bound": self.at_bound,
+        return {"parameters": {name: self.parameters.values[name] for name in FITTED}, "at_bound": self.at_bound,
                 "undetermined": self.undetermined, "step_deg": self.sizes,
                 "largest_difference_percent": self.largest, "rms_difference_percent": self.rms}
 
 
-def fit(nonlinear: ParameterSet) -> Fit:
+def fit(nonlinear: ParameterSet) -> SecondOrderFit:
     """Fit natural frequency, damping, rate limit and delay by least squares to steps from rest without load, both ways.
 
     `nonlinear` are the parameters of the nonlinear actuator. Steps beyond command.limit are omitted; if all are, a
@@ -83,20 +83,20 @@ def fit(nonlinear: ParameterSet) -> Fit:
     nonlinear_steps = _responses(nonlinear.values, "nonlinear", sizes)
 
     def residuals(x: Array) -> Array:
-        values = {**base.values, **dict(zip(NAMES, x * _BEGIN, strict=True))}
+        values = {**base.values, **dict(zip(FITTED, x * _BEGIN, strict=True))}
         differences = np.ravel(_responses(values, MODEL, sizes) - nonlinear_steps)
         return np.append(differences, _DAMPING_WEIGHT * values["second_order.damping"])
 
-    solution = least_squares(residuals, np.ones(len(NAMES)), bounds=(_LOWEST / _BEGIN, _HIGHEST / _BEGIN),
+    solution = least_squares(residuals, np.ones(len(FITTED)), bounds=(_LOWEST / _BEGIN, _HIGHEST / _BEGIN),
                              diff_step=_DERIVATIVE_STEP, xtol=1e-10, ftol=1e-10)
     units = {e.variable.name: e.variable.unit for e in base.entries}
-    undetermined = tuple(name for name, column in zip(NAMES, solution.jac.T, strict=True) if not column.any())
+    undetermined = tuple(name for name, column in zip(FITTED, solution.jac.T, strict=True) if not column.any())
     fitted = base.with_values({
         name: file_entry([float(f"{x:.4g}")], units[name], "estimate", _INITIAL if name in undetermined else _NOTE)
-        for name, x in zip(NAMES, solution.x * _BEGIN, strict=True)})
+        for name, x in zip(FITTED, solution.x * _BEGIN, strict=True)})
     differences = 100.0 * np.abs(_responses(fitted.values, MODEL, sizes) - nonlinear_steps)
-    return Fit(fitted, undetermined, sizes, tuple(differences.max(axis=1).tolist()),
-               tuple(np.sqrt(np.mean(differences**2, axis=1)).tolist()))
+    return SecondOrderFit(fitted, undetermined, sizes, tuple(differences.max(axis=1).tolist()),
+                          tuple(np.sqrt(np.mean(differences**2, axis=1)).tolist()))
 
 
 def _responses(values: Mapping[str, Any], model: str, sizes: tuple[float, ...]) -> Array:
@@ -107,7 +107,7 @@ def _responses(values: Mapping[str, Any], model: str, sizes: tuple[float, ...]) 
     return np.array([0.5 * (ratio(size) + ratio(-size)) for size in sizes])
 
 
-def write_fitted(fit: Fit, path: Path, command: str) -> None:
+def write_fitted(fit: SecondOrderFit, path: Path, command: str) -> None:
     """Write a parameter file for the second-order model, with all values that differ from its defaults."""
     remaining = ", ".join(f"{rms:.2g} % at {size:g} deg" for size, rms in zip(fit.sizes, fit.rms, strict=True))
     write_parameters(fit.parameters, path, [

@@ -29,7 +29,7 @@ DURATION = 0.5  # s, duration of the step response on which the effect is measur
 
 
 @dataclass(frozen=True)
-class Estimate:
+class EstimatedEntries:
     """An estimate of the default set, or several that belong together: an array, or a pair that is equal in SI units.
 
     `shipped` is false for a value of a user's actuator. `effect` [rad] is the largest change of the fin angle if the
@@ -59,7 +59,7 @@ def offered(base: ParameterSet) -> dict[str, list[Entry]]:
     return {name: list(group) for name, group in groupby(chosen, lambda e: e.variable.name.partition("[")[0])}
 
 
-def remaining_estimates(parameters: ParameterSet) -> tuple[Estimate, ...]:
+def remaining_estimates(parameters: ParameterSet) -> tuple[EstimatedEntries, ...]:
     """Return the estimates of the actuator's default set that `parameters` leave unchanged, in the actuator's order."""
     actuator = parameters.actuator
     default = {e.variable.name: e for e in load_parameters(model=parameters.model).entries}
@@ -70,11 +70,11 @@ def remaining_estimates(parameters: ParameterSet) -> tuple[Estimate, ...]:
     groups = [tuple(names) for _, names in groupby(leaders, lambda name: name.partition("[")[0])]
     own_files = () if is_shipped(parameters.model) else (
         (actuator.source or Path(actuator.name)).name, *(file.name for file in actuator.files))
-    return tuple(Estimate((*names, *(followers[name] for name in names if name in followers)),
-                          default[names[0]].file not in own_files) for names in groups)
+    return tuple(EstimatedEntries((*names, *(followers[name] for name in names if name in followers)),
+                                  default[names[0]].file not in own_files) for names in groups)
 
 
-def in_words(parameters: ParameterSet, estimates: Sequence[Estimate]) -> str:
+def in_words(parameters: ParameterSet, estimates: Sequence[EstimatedEntries]) -> str:
     """Return the number of remaining estimates as text; for a user's actuator also how many of them are shipped."""
     count = sum(len(each.names) for each in estimates)
     shipped = sum(len(each.names) for each in estimates if each.shipped)
@@ -84,7 +84,7 @@ def in_words(parameters: ParameterSet, estimates: Sequence[Estimate]) -> str:
     return f"estimates: {of_all}, {count - shipped} of your actuator and {shipped} shipped"
 
 
-def by_group(estimates: Iterable[Estimate]) -> dict[str, list[str]]:
+def by_group(estimates: Iterable[EstimatedEntries]) -> dict[str, list[str]]:
     """Return the labels of estimates by group, such as ``motor``; these labels do not begin with the group."""
     groups: dict[str, list[str]] = {}
     for estimate in estimates:
@@ -93,7 +93,7 @@ def by_group(estimates: Iterable[Estimate]) -> dict[str, list[str]]:
     return groups
 
 
-def by_effect(parameters: ParameterSet, torque: float = 0.0) -> tuple[Estimate, ...]:
+def by_effect(parameters: ParameterSet, torque: float = 0.0) -> tuple[EstimatedEntries, ...]:
     """Return the remaining estimates with the effect of a 10 % change of each, the largest effect first.
 
     The effect [rad] is the largest difference of the fin angle within 0.5 s after a step to half of command.limit

@@ -18,7 +18,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin
 from ..errors import ArgumentError, EmcasError, in_words
 
 T = TypeVar("T", bound=Callable[..., Any])
-Test = Callable[[Any], bool]
+Check = Callable[[Any], bool]
 
 # Descriptions of annotations in messages; other classes are described by their names.
 _WORDS = {"bool": "True or False", "int": "a whole number", "float": "a finite number", "str": "text", "Path": "a path",
@@ -42,16 +42,16 @@ def checked(target: T) -> T:
             if isinstance(member, FunctionType) and (not name.startswith("_") or name in ("__init__", "__getitem__")):
                 setattr(target, name, checked(member))
         return target
-    tests: _Tests | None = None
+    checks: _Checks | None = None
 
     @wraps(target)
     def call(*args: Any, **kwargs: Any) -> Any:
-        nonlocal tests
-        if tests is None:  # at the first call: annotations may name classes that are defined below the function
-            tests = _Tests(target)
-        for name, value in (*zip(tests.positional, args), *kwargs.items()):
-            if not tests.accepts(name, value):
-                raise tests.refusal(name, value)
+        nonlocal checks
+        if checks is None:  # at the first call: annotations may name classes that are defined below the function
+            checks = _Checks(target)
+        for name, value in (*zip(checks.positional, args), *kwargs.items()):
+            if not checks.accepts(name, value):
+                raise checks.refusal(name, value)
         try:
             return target(*args, **kwargs)
         except OSError as error:
@@ -62,8 +62,8 @@ def checked(target: T) -> T:
     return call  # type: ignore[return-value]
 
 
-class _Tests:
-    """Annotations of a function's arguments and their tests by name; `_rest` is the name of its ``**`` argument."""
+class _Checks:
+    """Annotations of a function's arguments and their checks by name; `_rest` is the name of its ``**`` argument."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._function = function.__qualname__.removesuffix(".__init__")
@@ -71,14 +71,14 @@ class _Tests:
         names = _Names(function.__globals__)
         self._annotations = {p.name: eval(p.annotation, {}, names) if isinstance(p.annotation, str) else Any
                              for p in parameters}
-        self._tests = {name: _test(annotation) for name, annotation in self._annotations.items()}
+        self._checks = {name: _check(annotation) for name, annotation in self._annotations.items()}
         self._rest = next((p.name for p in parameters if p.kind == p.VAR_KEYWORD), "")
         self.positional = [p.name for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
 
     def accepts(self, name: str, value: Any) -> bool:
         """Return whether an argument has the expected type; also true for an unknown argument, which Python refuses."""
-        test = self._tests.get(name if name != self._rest and name in self._tests else self._rest)
-        return test is None or test(value)
+        check = self._checks.get(name if name != self._rest and name in self._checks else self._rest)
+        return check is None or check(value)
 
     def refusal(self, name: str, value: Any) -> ArgumentError:
         """Return the error for a wrong argument."""
@@ -105,28 +105,28 @@ class _ByName(type):
         return any(each.__name__ == cls.__name__ for each in type(value).__mro__)
 
 
-def _test(kind: Any) -> Test | None:
-    """Return the test of an annotation; None if any value is allowed."""
+def _check(kind: Any) -> Check | None:
+    """Return the check of an annotation; None if any value is allowed."""
     origin, of = get_origin(kind) or kind, get_args(kind)
     if origin in (Union, UnionType):
-        tests = [_test(each) for each in of]
-        some = [test for test in tests if test is not None]
-        return (lambda value: any(test(value) for test in some)) if len(some) == len(tests) else None
+        checks = [_check(each) for each in of]
+        some = [check for check in checks if check is not None]
+        return (lambda value: any(check(value) for check in some)) if len(some) == len(checks) else None
     if origin is Any or isinstance(origin, TypeVar):
         return None
     if origin.__name__ == "ndarray":
         return _is_array
-    if origin in _TESTS:
-        return _TESTS[origin]
+    if origin in _CHECKS:
+        return _CHECKS[origin]
     if not issubclass(origin, abc.Iterable) or not of:
         return lambda value: isinstance(value, origin)
     length = len(of) if origin is tuple and ... not in of else None
-    return _elements(origin, [_test(each) for each in of if each is not ...], length)
+    return _elements(origin, [_check(each) for each in of if each is not ...], length)
 
 
-def _elements(origin: Any, of: list[Test | None], length: int | None) -> Test:
-    """Return the test of a collection or mapping and its elements; text is none, an array a row of numbers."""
-    def test(value: Any) -> bool:
+def _elements(origin: Any, of: list[Check | None], length: int | None) -> Check:
+    """Return the check of a collection or mapping and its elements; text is none, an array a row of numbers."""
+    def check(value: Any) -> bool:
         if hasattr(value, "ndim"):
             return of == [_is_finite] and value.ndim == 1 and all(map(_is_finite, value))
         if isinstance(value, (str, bytes)) or not isinstance(value, origin):
@@ -141,7 +141,7 @@ def _elements(origin: Any, of: list[Test | None], length: int | None) -> Test:
             parts = [value if isinstance(value, abc.Collection) else ()]  # an iterator could not be read again
         return all(each is None or all(map(each, part)) for each, part in zip(of, parts))
 
-    return test
+    return check
 
 
 def _is_array(value: Any) -> bool:
@@ -168,7 +168,7 @@ def _is_text(value: Any) -> bool:
     return True
 
 
-_TESTS: dict[Any, Test] = {
+_CHECKS: dict[Any, Check] = {
     NoneType: lambda value: value is None,
     bool: lambda value: type(value).__name__ == "bool",  # also the name of NumPy's type
     int: lambda value: isinstance(value, Integral) and not isinstance(value, bool),

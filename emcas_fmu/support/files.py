@@ -12,7 +12,7 @@ from pathlib import Path
 from platformdirs import user_cache_path
 
 from ..errors import in_words
-from .progress import warn
+from .progress import announce
 
 _LIBRARY = 2_000_000  # bytes: a compiled library is smaller
 
@@ -57,7 +57,7 @@ def cache_directory() -> Path:
         return _private(user_cache_path("emcas"))
     except OSError as error:
         folder = _private(mine)
-        warn(f"{in_words(error)}; {folder} is used instead")
+        announce(f"{in_words(error)}; {folder} is used instead")
         return folder
 
 

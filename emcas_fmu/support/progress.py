@@ -17,7 +17,7 @@ Progress = Callable[[str, int, int], None]
 """A function that is called with the name of the work, the number of parts done, and the number of all parts."""
 
 
-def warn(message: str) -> None:
+def announce(message: str) -> None:
     """Announce a fallback; a worker process does not, since its parent announces the same."""
     from multiprocessing import parent_process  # late: the import is slow and rarely needed
 

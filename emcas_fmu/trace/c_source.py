@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import isfinite, isnan
 
-from ..ops.elementary import NAMES
+from ..ops.elementary import FUNCTIONS
 from .tracer import BITS, Assign, Expr, If, Operand, Tracer
 from .usage import ARITHMETIC, Writer
 
@@ -14,7 +14,7 @@ TEMPLATES = {
     "both": "{0} && {1}", "either": "{0} || {1}", "negate": "!{0}",
     "minimum": "{0} < {1} ? {0} : {1}", "maximum": "{0} > {1} ? {0} : {1}",
     "clip": "{0} < {1} ? {1} : {0} > {2} ? {2} : {0}", "where": "{0} ? {1} : {2}",
-    **{name: f"elementary_{name}({{0}})" for name in (*NAMES, *BITS)},
+    **{name: f"elementary_{name}({{0}})" for name in (*FUNCTIONS, *BITS)},
 }
 _CONDITIONS = {"less", "less_equal", "greater", "greater_equal", "equal", "both", "either", "negate"}
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from .tracer import Assign, Block, Expr, Operand, Tracer
 
 
-class Known(NamedTuple):
+class Dependence(NamedTuple):
     """Bounds of a value, and the names of the parameters and arguments on which it depends; a constant has none."""
 
     low: float = -inf
@@ -24,18 +24,19 @@ class Known(NamedTuple):
         return self.low == self.high
 
 
-ZERO = Known(0.0, 0.0)
+ZERO = Dependence(0.0, 0.0)
 _Bounds = tuple[float, float]
 
 
-def of_parameters(tracer: Tracer, parameters: Mapping[str, Known]) -> Mapping[str, Known]:
+def of_parameters(tracer: Tracer, parameters: Mapping[str, Dependence]) -> Mapping[str, Dependence]:
     """Return the bounds and dependencies of all values that depend on parameters alone, by their traced names."""
     known = {short: parameters[key] for short, key in tracer.parameters}
     _follow(tracer.prologue, known)
     return known
 
 
-def dependencies(tracer: Tracer, name: str, arguments: Sequence[Known], fixed: Mapping[str, Known]) -> list[Known]:
+def dependencies(tracer: Tracer, name: str, arguments: Sequence[Dependence],
+                 fixed: Mapping[str, Dependence]) -> list[Dependence]:
     """Return bounds and dependencies of the results of a function; all its values are assumed to be finite.
 
     `arguments` are the bounds and dependencies of its arguments; `fixed` is the result of :func:`of_parameters`.
@@ -46,11 +47,11 @@ def dependencies(tracer: Tracer, name: str, arguments: Sequence[Known], fixed: M
     return [_look_up(known, value) for value in function.results]
 
 
-def _look_up(known: Mapping[str, Known], value: Operand) -> Known:
-    return known[value.name] if isinstance(value, Expr) else Known(float(value), float(value))
+def _look_up(known: Mapping[str, Dependence], value: Operand) -> Dependence:
+    return known[value.name] if isinstance(value, Expr) else Dependence(float(value), float(value))
 
 
-def _follow(block: Block, known: dict[str, Known]) -> None:
+def _follow(block: Block, known: dict[str, Dependence]) -> None:
     for statement in block.statements:
         if isinstance(statement, Assign):
             known[statement.name] = _assigned(statement, [_look_up(known, operand) for operand in statement.operands])
@@ -62,18 +63,18 @@ def _follow(block: Block, known: dict[str, Known]) -> None:
             known[name] = _chosen(condition, _look_up(known, yes), _look_up(known, no))
 
 
-def _chosen(condition: Known, yes: Known, no: Known) -> Known:
+def _chosen(condition: Dependence, yes: Dependence, no: Dependence) -> Dependence:
     if condition.constant:
         return yes if condition.low else no
     return _within(min(yes.low, no.low), max(yes.high, no.high), condition, yes, no)
 
 
-def _within(low: float, high: float, *values: Known) -> Known:
+def _within(low: float, high: float, *values: Dependence) -> Dependence:
     """Return a value with these bounds that depends on `values`."""
-    return Known(low, high, frozenset() if low == high else frozenset().union(*(value.names for value in values)))
+    return Dependence(low, high, frozenset() if low == high else frozenset().union(*(value.names for value in values)))
 
 
-def _assigned(statement: Assign, values: Sequence[Known]) -> Known:
+def _assigned(statement: Assign, values: Sequence[Dependence]) -> Dependence:
     """Return the bounds and dependencies of an operation's result from those of its operands."""
     operation = statement.operation
     if operation == "where":
@@ -90,7 +91,7 @@ def _same(one: Operand, other: Operand) -> bool:
     return isinstance(one, Expr) and isinstance(other, Expr) and one.name == other.name
 
 
-def _sure(operation: str, values: Sequence[Known]) -> Known | None:
+def _sure(operation: str, values: Sequence[Dependence]) -> Dependence | None:
     if operation == "clip":
         x, low, high = values
         return x if low.high <= x.low and x.high <= high.low else None

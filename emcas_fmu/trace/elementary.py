@@ -10,8 +10,8 @@ from .tracer import Tracer
 
 @cache
 def traced() -> Tracer:
-    """Return the traced functions :data:`emcas_fmu.ops.elementary.NAMES`, with one argument and one result each."""
+    """Return the traced functions :data:`emcas_fmu.ops.elementary.FUNCTIONS`, with one argument and one result each."""
     tracer = Tracer()
-    for name in elementary.NAMES:
+    for name in elementary.FUNCTIONS:
         tracer.function(name, ("x",), lambda x, name=name: (getattr(elementary, name)(tracer, x),))
     return tracer

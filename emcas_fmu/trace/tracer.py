@@ -172,7 +172,7 @@ def _printed(argument: str) -> str:
 
 
 @dataclass
-class Traced:
+class TracedFunction:
     """A function of the program: its name, its arguments as passed and as printed, its statements and results."""
 
     name: str
@@ -191,7 +191,7 @@ class Tracer(Derived):
         self.prologue = self._first.block
         self._count = 0
         self.parameters: list[tuple[str, str]] = []
-        self.functions: list[Traced] = []
+        self.functions: list[TracedFunction] = []
 
     def __getattr__(self, name: str) -> Any:
         known = [operation for operation in vars(Ops) if not operation.startswith("_")]
@@ -209,7 +209,7 @@ class Tracer(Derived):
         printed = tuple(map(_printed, arguments))
         results = tuple(body(*(Expr(self._itself, argument, False) for argument in printed)))
         self._scope = self._first
-        self.functions.append(Traced(name, arguments, printed, scope.block, results))
+        self.functions.append(TracedFunction(name, arguments, printed, scope.block, results))
 
     def emit(self, operation: str, *operands: Value) -> Expr:
         """Return the value of an operation, which is recorded unless it has been recorded before."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.ssp.archive import NOMINAL, SspError
-from emcas_fmu.ssp.structure import Structure, read_variant
+from emcas_fmu.ssp.structure import SystemStructure, read_variant
 from emcas_fmu.ssp.write import write_ssp
 from examples.ssp_hosts import hosts
 
@@ -93,11 +93,11 @@ class InMaster:
         self._system.close()
 
 
-def _line(structure: Structure) -> str:
+def _line(structure: SystemStructure) -> str:
     return line_of({name for fin, name in structure.connectors if fin}) or VOLTAGE
 
 
-def _checked(ssp: Path, variant: str) -> Structure:
+def _checked(ssp: Path, variant: str) -> SystemStructure:
     """Return the variant's structure. Raises SspError if a connector is missing or has another unit."""
     structure = read_variant(ssp, variant)
     connectors = {f"{fin}.{name}": connector for (fin, name), connector in structure.connectors.items() if fin}

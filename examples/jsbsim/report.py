@@ -10,7 +10,7 @@ from pathlib import Path
 from emcas_fmu.pages.page import write_page
 from emcas_fmu.pages.provenance import made_by
 from emcas_fmu.plotting import plots
-from emcas_fmu.studies.fitting import NAMES
+from emcas_fmu.studies.fitting import FITTED
 
 from .convergence import REFERENCE
 from .pictures import convergence, of_manoeuvre
@@ -58,5 +58,5 @@ def write_report(results: Results, path: Path, command: str) -> None:
             agreements=[(name, master, each, not k) for name, found in agreements(results).items()
                         for k, (master, each) in enumerate(found.items())],
             rows=ROWS, labels=results.labels, meaningless=_NO_STEPS, jsbsim=version("jsbsim"), reference=REFERENCE,
-            valid=VALID, second_order=[results.second_order.parameters.values[name] for name in NAMES]
+            valid=VALID, second_order=[results.second_order.parameters.values[name] for name in FITTED]
             if results.second_order else None)

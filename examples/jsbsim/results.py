@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from emcas_fmu.studies.fitting import Fit
+from emcas_fmu.studies.fitting import SecondOrderFit
 
 from .autopilot import attitude_error
 from .convergence import Convergence
@@ -64,7 +64,7 @@ class Results:
     step: float
     flights: Mapping[str, Mapping[str, Flight]]
     manoeuvres: Mapping[str, Manoeuvre]
-    second_order: Fit | None = None
+    second_order: SecondOrderFit | None = None
     convergence: Mapping[str, Convergence] = field(default_factory=dict)
     units: Mapping[str, Unit] = field(default_factory=dict)
     masters: Mapping[str, Mapping[str, Flight]] = field(default_factory=dict)

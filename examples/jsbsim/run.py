@@ -10,7 +10,7 @@ from emcas_fmu.actuators import NAMES, NONLINEAR, full_name, get
 from emcas_fmu.bench.fmu import opened
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.ssp.archive import NOMINAL
-from emcas_fmu.studies.fitting import Fit
+from emcas_fmu.studies.fitting import SecondOrderFit
 
 from .actuators import Actuators, Ideal
 from .build import build_unit
@@ -84,7 +84,7 @@ class _Flier:
 
     def __init__(self, options: Options, folder: Path, progress: Progress) -> None:
         self._options, self._progress, self._folder = options, progress, folder
-        self.second_order: Fit | None = None
+        self.second_order: SecondOrderFit | None = None
         self.units: dict[str, Unit] = {}
         self._whole = False
         self.makers: dict[str, Callable[[], Actuators]] = {IDEAL: Ideal}

@@ -11,7 +11,7 @@ from emcas_fmu.bench.fmu import opened
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.runtime import codegen
 from emcas_fmu.studies import fitting
-from emcas_fmu.studies.fitting import MODEL, Fit
+from emcas_fmu.studies.fitting import MODEL, SecondOrderFit
 
 from .actuators import Demand, Response
 from .vehicle import FINS
@@ -29,7 +29,7 @@ def parameters_of(path: Path) -> ParameterSet:
         {v.name: starts[v.name] for v in get(NONLINEAR).file_entries if v.name in starts})
 
 
-def fit(path: Path) -> Fit:
+def fit(path: Path) -> SecondOrderFit:
     """Return the second-order model that :func:`emcas_fmu.studies.fitting.fit` fits to fin 1 of an FMU."""
     return fitting.fit(parameters_of(path))
 

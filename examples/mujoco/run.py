@@ -36,9 +36,9 @@ def plot(rows: Array, path: Path) -> None:
     time = rows[:, 0]
     with plots.style():
         figure, (roll, fin, torque) = plots.column("roll [deg]", "fin 1 [deg]", "torque [N·m]", x="time [s]")
-        roll.plot(time, np.degrees([roll_command(t) for t in time]), label="command", **plots.COMMAND)
+        roll.plot(time, np.degrees([roll_command(t) for t in time]), label="command", **plots.COMMAND_STYLE)
         roll.plot(time, np.degrees(rows[:, _AT["roll"]]), label="motion")
-        fin.plot(time, np.degrees(rows[:, _AT["fin1_command"]]), **plots.COMMAND)
+        fin.plot(time, np.degrees(rows[:, _AT["fin1_command"]]), **plots.COMMAND_STYLE)
         fin.plot(time, np.degrees(rows[:, _AT["fin1_angle"]]))
         torque.plot(time, rows[:, _AT["fin1_torque"]])
         plots.legend(roll)

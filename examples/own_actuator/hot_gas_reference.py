@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from emcas_fmu.reference.actuator import Actuator
+from emcas_fmu.reference.actuator import ReferenceActuator
 from emcas_fmu.reference.events import Accuracy, Body, switch
 from emcas_fmu.reference.vehicle import clip, hinge_moment, masses_of, surroundings
 
@@ -17,7 +17,7 @@ class Mode(NamedTuple):
     up: bool = False
 
 
-class HotGas(Actuator):
+class HotGas(ReferenceActuator):
     accuracy = Accuracy(1e-10, (1e-2, 1.0, 1e6, 1e6, 1.0), 1e-4)
     names = ("fin_angle", "fin_rate", "pressure_1", "pressure_2")
     supply = ("supply_pressure", "gas_supply.pressure")

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from emcas_fmu.reference.actuator import Actuator
+from emcas_fmu.reference.actuator import ReferenceActuator
 from emcas_fmu.reference.events import Accuracy, Body, band
 from emcas_fmu.reference.vehicle import clip, hinge_moment, masses_of, surroundings
 
@@ -18,7 +18,7 @@ class Mode(NamedTuple):
     stiff: int = 0
 
 
-class StrainWave(Actuator):
+class StrainWave(ReferenceActuator):
     accuracy = Accuracy(1e-10, (1.0, 100.0, 1e-2, 1.0, 10.0), 1e-3)
     names = ("fin_angle", "fin_rate", "motor_current", "windup")
 

@@ -26,7 +26,7 @@ from typing import Any
 
 from lxml import etree
 
-from emcas_fmu.parameters import Value
+from emcas_fmu.parameters import Scalar
 from emcas_fmu.runtime.compiler import local_platform
 from emcas_fmu.ssp.archive import (
     DEFAULT,
@@ -39,7 +39,7 @@ from emcas_fmu.ssp.archive import (
     write_archive,
 )
 from emcas_fmu.ssp.check import check
-from emcas_fmu.ssp.structure import Structure, nearest, read_variant
+from emcas_fmu.ssp.structure import SystemStructure, nearest, read_variant
 
 # Python packages of the hosts, each with its module here and the command that installs it.
 HOSTS = {"fmpy": ("in_fmpy", "pip install fmpy"), "libcosimpy": ("in_libcosim", "pip install libcosimpy"),
@@ -50,12 +50,12 @@ End = tuple[str, str]  # component and variable
 class System(ABC):
     """A running system, as a context manager; `step_size` is in s, values are in the connectors' units."""
 
-    def __init__(self, structure: Structure, step: float) -> None:
+    def __init__(self, structure: SystemStructure, step: float) -> None:
         self.step_size, self.steps, self._closed = step, 0, False
         self._inputs: dict[str, list[End]] = {}
         self._outputs: dict[str, End] = {}
         self._inner = [(start, end) for start, end in structure.connections if start[0] and end[0]]
-        self._pending: dict[End, Value] = {}
+        self._pending: dict[End, Scalar] = {}
         self._withheld: dict[str, str] = {}  # reason, by the name of an output that the host cannot read
         fed = {end for _, end in self._inner}
         for end, connector in structure.connectors.items():
@@ -81,7 +81,7 @@ class System(ABC):
         """The current time [s]."""
         return self.steps * self.step_size
 
-    def set(self, name: str, value: Value) -> None:
+    def set(self, name: str, value: Scalar) -> None:
         """Set an input, such as ``fin1.fin_command``, from the next step on.
 
         A name without a component, such as ``supply_voltage``, sets this input of every component that has it. Raises
@@ -102,7 +102,7 @@ class System(ABC):
         self._advance(pending)
         self.steps += 1
 
-    def get(self, name: str) -> Value:
+    def get(self, name: str) -> Scalar:
         """Return an output at the end of the last step. Raises SspError if it is unknown, or before the first step."""
         if name in self._withheld:
             raise SspError(f"{name}: {self._withheld[name]}")
@@ -128,11 +128,11 @@ class System(ABC):
         self.close()
 
     @abstractmethod
-    def _advance(self, pending: dict[End, Value]) -> None:
+    def _advance(self, pending: dict[End, Scalar]) -> None:
         """Set values at components, then step. Raises SspError."""
 
     @abstractmethod
-    def _read(self, component: str, variable: str) -> Value:
+    def _read(self, component: str, variable: str) -> Scalar:
         """Return the value of a component's variable."""
 
     @abstractmethod
@@ -172,7 +172,7 @@ def open(ssp: Path, host: str, variant: str = NOMINAL, step: float = 1e-3) -> Sy
     return system
 
 
-def _runnable(contents: Mapping[str, bytes], structure: Structure) -> None:
+def _runnable(contents: Mapping[str, bytes], structure: SystemStructure) -> None:
     """Raise SspError if an FMU has no binary for this platform: Ecos would end the process."""
     local = local_platform()
     for source in sorted(set(structure.sources.values())):

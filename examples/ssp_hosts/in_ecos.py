@@ -11,19 +11,19 @@ from pathlib import Path
 
 from ecospy import EcosSimulation
 
-from emcas_fmu.parameters import Value
+from emcas_fmu.parameters import Scalar
 from emcas_fmu.ssp.archive import SspError
-from emcas_fmu.ssp.structure import Structure
+from emcas_fmu.ssp.structure import SystemStructure
 
 from .hosts import End, System
 
-_ACCESS: dict[str, tuple[str, type[Value]]] = {"Boolean": ("bool", bool), "Integer": ("integer", int)}
+_ACCESS: dict[str, tuple[str, type[Scalar]]] = {"Boolean": ("bool", bool), "Integer": ("integer", int)}
 
 
 class Running(System):
     """Inputs are set between steps; outputs are read after them."""
 
-    def __init__(self, structure: Structure, step: float, path: Path) -> None:
+    def __init__(self, structure: SystemStructure, step: float, path: Path) -> None:
         super().__init__(structure, step)
         self._kinds = {end: connector.type for end, connector in structure.connectors.items()}
         self._withheld = {name: "Ecos has no enumerations; read another output, or use fmpy"
@@ -44,7 +44,7 @@ class Running(System):
             self.close()
             raise SspError("the system cannot be initialized (its log says why)")
 
-    def _advance(self, pending: dict[End, Value]) -> None:
+    def _advance(self, pending: dict[End, Scalar]) -> None:
         for end, value in pending.items():
             kind, convert = _ACCESS.get(self._kinds[end], ("real", float))
             getattr(self._simulation, f"set_{kind}")("::".join(end), convert(value))
@@ -53,7 +53,7 @@ class Running(System):
         if not isclose(reached, before + self.step_size, abs_tol=0.5 * self.step_size):
             raise SspError(f"Ecos: step from {self.time:.9g} s failed (its log says why)")
 
-    def _read(self, component: str, variable: str) -> Value:
+    def _read(self, component: str, variable: str) -> Scalar:
         kind, convert = _ACCESS.get(self._kinds[component, variable], ("real", float))
         return convert(getattr(self._simulation, f"get_{kind}")(f"{component}::{variable}"))
 

@@ -10,9 +10,9 @@ import fmpy
 from fmpy.ssp.simulation import free_fmu, get_value, instantiate_fmu, set_value
 from fmpy.ssp.ssd import Parameter, ParameterSet, find_components, read_ssd
 
-from emcas_fmu.parameters import Value
+from emcas_fmu.parameters import Scalar
 from emcas_fmu.ssp.archive import SspError
-from emcas_fmu.ssp.structure import Structure
+from emcas_fmu.ssp.structure import SystemStructure
 
 from .hosts import End, System
 
@@ -20,7 +20,7 @@ from .hosts import End, System
 class Running(System):
     """In each step all outputs are written to the connected inputs, then every component steps."""
 
-    def __init__(self, structure: Structure, step: float, path: Path) -> None:
+    def __init__(self, structure: SystemStructure, step: float, path: Path) -> None:
         super().__init__(structure, step)
         # fmpy applies only parameters that are passed by hierarchical names.
         parameters = [Parameter(name=f"{component}.{name}", value=value)
@@ -36,7 +36,7 @@ class Running(System):
             self.close()
             raise SspError(f"the system cannot be started: {error}") from error
 
-    def _advance(self, pending: dict[End, Value]) -> None:
+    def _advance(self, pending: dict[End, Scalar]) -> None:
         try:
             # Before the step: after it, outputs that depend directly on an input would be those of the next step.
             wired = {end: get_value(self._components[start], output) for (start, output), end in self._inner}
@@ -47,8 +47,8 @@ class Running(System):
         except Exception as error:
             raise SspError(f"fmpy: step from {self.time:.9g} s: {error}") from error
 
-    def _read(self, component: str, variable: str) -> Value:
-        value: Value = get_value(self._components[component], variable)
+    def _read(self, component: str, variable: str) -> Scalar:
+        value: Scalar = get_value(self._components[component], variable)
         return value
 
     def _free(self) -> None:

@@ -14,20 +14,20 @@ from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
 from libcosimpy.CosimManipulator import CosimManipulator
 from libcosimpy.CosimObserver import CosimObserver
 
-from emcas_fmu.parameters import Value
+from emcas_fmu.parameters import Scalar
 from emcas_fmu.ssp.archive import SspError
-from emcas_fmu.ssp.structure import Structure
+from emcas_fmu.ssp.structure import SystemStructure
 
 from .hosts import End, System
 
-_ACCESS: dict[CosimVariableType, tuple[str, type[Value]]] = {
+_ACCESS: dict[CosimVariableType, tuple[str, type[Scalar]]] = {
     CosimVariableType.BOOLEAN: ("boolean", bool), CosimVariableType.INTEGER: ("integer", int)}
 
 
 class Running(System):
     """An override manipulator sets inputs between steps; a last-value observer reads outputs."""
 
-    def __init__(self, structure: Structure, step: float, path: Path) -> None:
+    def __init__(self, structure: SystemStructure, step: float, path: Path) -> None:
         super().__init__(structure, step)
         nanoseconds = round(step * 1e9)
         if nanoseconds < 1:
@@ -47,8 +47,8 @@ class Running(System):
         self._withheld = {name: "libcosim has no enumerations; read another output, or use fmpy"
                           for name, end in self._outputs.items() if end not in self._variables}
 
-    def _advance(self, pending: dict[End, Value]) -> None:
-        values_of: dict[tuple[str, CosimVariableType], dict[int, Value]] = defaultdict(dict)
+    def _advance(self, pending: dict[End, Scalar]) -> None:
+        values_of: dict[tuple[str, CosimVariableType], dict[int, Scalar]] = defaultdict(dict)
         for end, value in pending.items():
             reference, kind = self._variables[end]
             values_of[end[0], kind][reference] = value
@@ -60,7 +60,7 @@ class Running(System):
         if self._execution.status().state == CosimExecutionState.ERROR.value:
             raise SspError(f"libcosim: step from {self.time:.9g} s failed (its log says why)")
 
-    def _read(self, component: str, variable: str) -> Value:
+    def _read(self, component: str, variable: str) -> Scalar:
         reference, kind = self._variables[component, variable]
         word, convert = _ACCESS.get(kind, ("real", float))
         return convert(getattr(self._observer, f"last_{word}_values")(self._index[component], [reference])[0])

@@ -106,9 +106,9 @@ def draw(path: Path, runs: Sequence[Record], positions: Sequence[Array], errors:
     from emcas_fmu.plotting import plots
 
     with plots.style():
-        figure, panels = plots.panels(len(runs), 2, width=12.0, height=2.6)
+        figure, panels = plots.panel_grid(len(runs), 2, width=12.0, height=2.6)
         for axes, run, position, error in zip(panels, runs, positions, errors, strict=True):
-            axes.plot(run.time, run.goal, label="goal", **plots.COMMAND)
+            axes.plot(run.time, run.goal, label="goal", **plots.COMMAND_STYLE)
             axes.plot(run.time, run.position, label="measured")
             axes.plot(run.time, position, "--", label="simulated")
             axes.set(title=f"gain {run.gain:.0f}, {run.trajectory}: {error:.1f} mrad", ylabel="rad")

@@ -18,7 +18,7 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import kinematics
 from emcas_fmu.studies.report import accuracy, budget, mission, responses, stiffness
-from emcas_fmu.studies.report.outcome import Group, Outcome, Quantity, Rig
+from emcas_fmu.studies.report.outcome import FigureGroup, Outcome, Quantity, Rig
 
 from ..bench.subjects import Broken, Known, Play, SecondOrder, count
 
@@ -88,9 +88,9 @@ def test_search_of_the_smallest_size_encloses_a_known_threshold() -> None:
 
 def test_hunting_does_not_count_as_a_response() -> None:
     hunting = np.tile([0.0, 0.1], 50)
-    assert accuracy.advance(hunting, 50, 1.0) == 0.0
+    assert accuracy.motion_beyond(hunting, 50, 1.0) == 0.0
     moved = hunting + np.where(np.arange(100) > 50, 0.06, 0.0)
-    assert [accuracy.advance(moved, 50, sign) for sign in (1.0, -1.0)] == pytest.approx([0.06, 0.0])
+    assert [accuracy.motion_beyond(moved, 50, sign) for sign in (1.0, -1.0)] == pytest.approx([0.06, 0.0])
 
 
 @pytest.mark.parametrize("half", [0.01, 0.2])
@@ -236,9 +236,9 @@ def test_sizes_stay_within_the_range_of_commands(values: Mapping[str, Any]) -> N
 
 
 def test_encoder_count_at_the_fin(values: Mapping[str, Any]) -> None:
-    assert degrees(accuracy.count(Play())[0]) == pytest.approx(count(values))
+    assert degrees(accuracy.detected_motion(Play())[0]) == pytest.approx(count(values))
     turn = 360.0 / (values["encoder.pulses"] * values["encoder.multiplier"])
-    assert accuracy.count(Play(values={**values, "encoder.on_fin": True}))[0] == pytest.approx(radians(turn))
+    assert accuracy.detected_motion(Play(values={**values, "encoder.on_fin": True}))[0] == pytest.approx(radians(turn))
 
 
 @pytest.mark.parametrize("initial", [0.0, 40.0])
@@ -252,7 +252,7 @@ def test_encoder_count_is_the_largest_motion_of_a_count(model: str, initial: flo
     motor = np.linspace(low, high, 2001)
     angles = [kinematics.fin_at(FLOATS, p, angle) for angle in motor.tolist()]
     expected = np.diff(angles).max() * turn / (motor[1] - motor[0])
-    assert accuracy.count(ParameterSubject(parameters))[0] == pytest.approx(expected, rel=1e-3)
+    assert accuracy.detected_motion(ParameterSubject(parameters))[0] == pytest.approx(expected, rel=1e-3)
 
 
 def test_error_if_a_run_ends_early() -> None:
@@ -270,6 +270,6 @@ def test_unit_of_a_figure(key: str, unit: str) -> None:
 def test_groups_without_common_figures_are_separate_tables() -> None:
     keys = tuple(Quantity(k, "", k) for k in ("a_s", "b_s", "c_s"))
     groups = {"one": {"a_s": 1.0}, "two": {"b_s": 1.0, "c_s": 2.0}, "three": {"b_s": 3.0}}
-    outcome = Outcome("m", {name: Group(name, figures) for name, figures in groups.items()}, quantities=keys)
+    outcome = Outcome("m", {name: FigureGroup(name, figures) for name, figures in groups.items()}, quantities=keys)
     assert [([q.key for q in columns], [group.label for group in table]) for columns, table in outcome.tables()] == [
         (["a_s"], ["one"]), (["b_s", "c_s"], ["two", "three"])]

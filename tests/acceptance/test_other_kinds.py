@@ -72,7 +72,7 @@ def test_an_envelope_does_not_advise_an_extension_that_is_refused(model: str) ->
 def test_a_fin_that_creeps_has_no_threshold_at_the_start_of_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """A worm gear's fin still creeps after a motion. Its threshold does not count this as an answer."""
     creeping = rig("worm-gear")
-    detected, words = accuracy.count(creeping.subject)
+    detected, words = accuracy.detected_motion(creeping.subject)
     assert words.startswith("1 % of the accuracy")
     starts: list[Any] = []
 

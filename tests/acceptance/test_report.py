@@ -30,11 +30,11 @@ from emcas_fmu.pages.numbers import number
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.report.acceptance import (
     TESTS,
-    Result,
+    Acceptance,
     _of_report,
     as_dict,
     carry_out,
-    flat,
+    flat_figures,
     summary,
     write_report,
 )
@@ -56,13 +56,13 @@ def progress() -> list[tuple[str, int, int]]:
 
 
 @pytest.fixture(scope="module")
-def shipped(progress: list[tuple[str, int, int]]) -> Result:
+def shipped(progress: list[tuple[str, int, int]]) -> Acceptance:
     """The acceptance test of the shipped parameters, by the kernel."""
     with open_subject(None) as subject:
         return carry_out(subject, progress=lambda *each: progress.append(each))
 
 
-def page(result: Result, folder: Path, date: str = "") -> str:
+def page(result: Acceptance, folder: Path, date: str = "") -> str:
     write_report(result, folder / "page.html", date)
     return (folder / "page.html").read_text(encoding="utf-8")
 
@@ -89,18 +89,18 @@ def loaded(folder: Path, *arguments: str, model: str = NONLINEAR, **more: str) -
     return load_requirements(specification(folder, *arguments, **more), load_parameters(model=model))
 
 
-def judge_result(specification: Specification, found: Result) -> list[Any]:
+def judge_result(specification: Specification, found: Acceptance) -> list[Any]:
     """Judge requirements on the figures of an existing report."""
     rows = judge(ParameterSubject(load_parameters()), Specification(specification.requirements[1:]))
     return [_of_report(each, found.outcomes, specification.file, optional=False) for each in rows]
 
 
 @pytest.mark.slow
-def test_fmu_and_parameter_set_give_the_same_figures(native: Path, shipped: Result) -> None:
+def test_fmu_and_parameter_set_give_the_same_figures(native: Path, shipped: Acceptance) -> None:
     """The native FMU gives the kernel's bits, and the Python FMU those of the native FMU (tests/parity)."""
     with open_subject(native) as subject:
         by_fmu = carry_out(subject)
-    figures, expected = dict(flat(by_fmu.outcomes)), dict(flat(shipped.outcomes))
+    figures, expected = dict(flat_figures(by_fmu.outcomes)), dict(flat_figures(shipped.outcomes))
     assert figures.keys() == expected.keys()
     assert [name for name, value in expected.items()
             if figures[name] != value and not (isnan(figures[name]) and isnan(value))] == []
@@ -110,13 +110,14 @@ def test_fmu_and_parameter_set_give_the_same_figures(native: Path, shipped: Resu
     assert by_fmu.about.guid.startswith("{")
 
 
-def test_verdicts_equal_those_of_validate(shipped: Result) -> None:
+def test_verdicts_equal_those_of_validate(shipped: Acceptance) -> None:
     parameters = load_parameters()
     assert list(shipped.judged) == judge(ParameterSubject(parameters), load_requirements(None, parameters))
     assert shipped.passed  # the documentation says so
 
 
-def test_note_if_the_chosen_load_differs_from_the_loads_of_the_requirements(shipped: Result, tmp_path: Path) -> None:
+def test_note_if_the_chosen_load_differs_from_the_loads_of_the_requirements(
+        shipped: Acceptance, tmp_path: Path) -> None:
     chosen = replace(shipped, load=400.0)
     note = ("tests and mission have a load of 400 N.m, but requirements are judged under their own: 100 N.m: "
             "accuracy_loaded, endurance, load_recovery, load_step, loaded_rate, loaded_rate_low_supply, rated_current, "
@@ -128,12 +129,12 @@ def test_note_if_the_chosen_load_differs_from_the_loads_of_the_requirements(ship
 
 @pytest.mark.parametrize(("test", "runs"), [
     ("step_response", "jump"), ("slew_rate", "jump"), ("frequency_response", "sweep"), ("mission", "usage")])
-def test_report_has_every_figure_of_its_runs_under_its_name(test: str, runs: str, shipped: Result) -> None:
+def test_report_has_every_figure_of_its_runs_under_its_name(test: str, runs: str, shipped: Acceptance) -> None:
     for figures in shipped.outcomes[test].figures.values():
         assert set(figures) - {"duration_s"} == {result_name(name)[0] for name in figures_of(runs)}
 
 
-def test_figures_are_consistent(shipped: Result) -> None:
+def test_figures_are_consistent(shipped: Acceptance) -> None:
     """These relations hold for any gains."""
     figures = {name: outcome.figures for name, outcome in shipped.outcomes.items()}
     slew = figures["slew_rate"]
@@ -180,7 +181,7 @@ class _Page(HTMLParser):
 
 @pytest.mark.drawn
 def test_page_has_all_figures_and_parameters_and_loads_no_other_file(
-        shipped: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        shipped: Acceptance, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
     text = page(shipped, tmp_path)
     parsed = _Page()
@@ -208,7 +209,7 @@ def test_page_has_all_figures_and_parameters_and_loads_no_other_file(
     assert "required 198" not in text  # at 90 % of the supply; the plotted slews have the full one
 
 
-def test_document_and_revision_are_escaped_in_the_style_sheet(shipped: Result, tmp_path: Path) -> None:
+def test_document_and_revision_are_escaped_in_the_style_sheet(shipped: Acceptance, tmp_path: Path) -> None:
     name = 'AT "7\\"; } body { display: none }\n</style><b>'
     write_report(shipped, tmp_path / "page.html", "2026-03-31", name, name)
     text = (tmp_path / "page.html").read_text("utf-8")
@@ -344,16 +345,16 @@ def test_error_names_the_entry_of_a_requirement(text: str, message: str, tmp_pat
 @pytest.mark.parametrize(("figure", "message"), [
     ("static_accuracy.grid.hysteresis", "did you mean static_accuracy.grid.hysteresis_deg?"),
     ("dynamic_stiffness.powered.friction_locked", "there is no such figure that is a number")])
-def test_unknown_figure_is_refused(figure: str, message: str, tmp_path: Path, shipped: Result) -> None:
+def test_unknown_figure_is_refused(figure: str, message: str, tmp_path: Path, shipped: Acceptance) -> None:
     wanted = loaded(tmp_path, "1 deg" if figure.endswith("_deg") else "1", figure)
     with pytest.raises(EmcasError, match=r"specification\.toml: requirements\.hysteresis\.figure = ") as raised:
         judge_result(wanted, shipped)
     assert message in str(raised.value)
 
 
-def test_margin_is_negative_if_a_limit_is_missed(shipped: Result, tmp_path: Path) -> None:
+def test_margin_is_negative_if_a_limit_is_missed(shipped: Acceptance, tmp_path: Path) -> None:
     figure = "step_response.plus_1deg.rise_time_s"
-    measured = float(dict(flat(shipped.outcomes))[figure])
+    measured = float(dict(flat_figures(shipped.outcomes))[figure])
     for sense, share, passed in (("maximum", 2.0, True), ("maximum", 0.5, False), ("minimum", 0.5, True),
                                  ("minimum", 2.0, False)):
         wanted = loaded(tmp_path, f"{share * measured!r} s", figure, sense)
@@ -403,7 +404,7 @@ def test_report_of_an_article_that_does_not_move(entry: dict[str, float], tmp_pa
     # Requirements without a motion may be met, but none of Table 2.
     assert not found.passed
     assert [j.name for j in found.judged if j.passed and "Table 2" in j.source] == []
-    figures = dict(flat(found.outcomes))
+    figures = dict(flat_figures(found.outcomes))
     assert isnan(figures["threshold.from_rest.positive_deg"])
     assert isnan(figures["step_response.plus_1deg.rise_time_s"])
     text = page(found, tmp_path)
@@ -411,13 +412,13 @@ def test_report_of_an_article_that_does_not_move(entry: dict[str, float], tmp_pa
     json.dumps(plain(as_dict(found)), allow_nan=False)
 
 
-def test_progress_counts_every_test(shipped: Result, progress: list[tuple[str, int, int]]) -> None:
+def test_progress_counts_every_test(shipped: Acceptance, progress: list[tuple[str, int, int]]) -> None:
     assert set(shipped.outcomes) == set(TESTS)
     assert [done for _, done, _ in progress] == list(range(len(TESTS) + 2))
     assert {total for *_, total in progress} == {len(TESTS) + 1}
 
 
-def test_json_has_no_infinity_and_no_nan(shipped: Result) -> None:
+def test_json_has_no_infinity_and_no_nan(shipped: Acceptance) -> None:
     document: Any = plain(as_dict(shipped))
     text = json.dumps(document, allow_nan=False)
     assert json.loads(text)["schema"] == "emcas-acceptance/3"
@@ -426,7 +427,7 @@ def test_json_has_no_infinity_and_no_nan(shipped: Result) -> None:
     assert len(grid["command_deg"]) == len(grid["error_from_above_deg"])
 
 
-def test_credibility_card_has_figures_of_the_tests(shipped: Result, tmp_path: Path) -> None:
+def test_credibility_card_has_figures_of_the_tests(shipped: Acceptance, tmp_path: Path) -> None:
     document: Any = plain(as_dict(shipped))
     facts = {fact["what"]: fact for factor in document["credibility"]["factors"] for fact in factor["facts"]}
     errors = [group["fin_angle_deg"] for group in document["figures"]["stepping"].values()]
@@ -463,7 +464,7 @@ def test_figure_of_a_missing_output_is_not_applicable(more: str, skipped: bool, 
     wanted = loaded(tmp_path, "5 A", "mission.synthetic.rms_current_a", more=more)
     found = carry_out(Play(outputs=FIN_PORT), specification=wanted)
     assert not found.stopped
-    figures = dict(flat(found.outcomes))
+    figures = dict(flat_figures(found.outcomes))
     assert not any(part in name for name in figures for part in ("current", "_power_", "energy"))
     assert {"mission.synthetic.peak_angle_deg",
             "slew_rate.unloaded_positive.peak_rate_deg_per_s"} <= set(figures)

@@ -20,7 +20,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.parameters.schema import In
 from emcas_fmu.studies.baseline.comparison import TEMPLATE, Row, compare
 from emcas_fmu.studies.baseline.files import read, read_plan
-from emcas_fmu.studies.baseline.model import ALL, Limit, Motion, output_units, unit_of
+from emcas_fmu.studies.baseline.model import ALL, BaselineMotion, DriftLimit, file_unit, output_units
 
 from .conftest import SHORT, check, edit, emcas, record
 
@@ -174,7 +174,8 @@ def test_case_with_an_input_file_start_values_and_another_output(short: Path) ->
 def test_commands_are_reduced_to_the_range_when_recorded(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text('[command]\nlimit = "12 deg"\n')
     record(tmp_path, article="small.toml")
-    amplitudes = {name: c.amplitude for name, c in read(tmp_path / "baseline").case.items() if isinstance(c, Motion)}
+    amplitudes = {name: c.amplitude for name, c in read(tmp_path / "baseline").case.items()
+                  if isinstance(c, BaselineMotion)}
     assert (amplitudes["large_step"], amplitudes["step"]) == (radians(12.0), radians(-5.0))
 
 
@@ -198,12 +199,12 @@ def test_figures_of_a_fin_that_does_not_move_are_never(tmp_path: Path) -> None:
     assert "not reached" in check(tmp_path, article="alive.toml", code=1)
 
 
-def limit(absolute: float, relative: float = 0.0) -> Limit:
+def limit(absolute: float, relative: float = 0.0) -> DriftLimit:
     """Return a limit in ms and %."""
-    return Limit.model_validate({"absolute": f"{absolute!r} ms", "relative": f"{relative!r} %"}, context=In("ms"))
+    return DriftLimit.model_validate({"absolute": f"{absolute!r} ms", "relative": f"{relative!r} %"}, context=In("ms"))
 
 
-def row(approved: float, now: float, allowed: Limit | None) -> Row:
+def row(approved: float, now: float, allowed: DriftLimit | None) -> Row:
     return Row("case", "rise_time", "ms", approved, now, None if allowed is None else allowed.of(approved))
 
 
@@ -215,7 +216,8 @@ def row(approved: float, now: float, allowed: Limit | None) -> Row:
     (nan, nan, limit(1.0), True), (nan, 3.0, limit(1e9), False), (3.0, nan, limit(1e9, 1000.0), False),
     (3.0, 300.0, None, True),
 ])
-def test_row_passes_within_the_larger_limit(approved: float, now: float, allowed: Limit | None, passed: bool) -> None:
+def test_row_passes_within_the_larger_limit(
+        approved: float, now: float, allowed: DriftLimit | None, passed: bool) -> None:
     assert row(approved, now, allowed).passed is passed
 
 
@@ -230,4 +232,4 @@ def test_comparison_without_limits_or_with_an_early_end_does_not_pass(short: Pat
 def test_share_of_nan_is_infinite_and_figures_have_display_units() -> None:
     assert row(1.0, nan, limit(1.0)).share == inf
     assert {"fin_angle", "fin_rate", "motor_current", "motor_voltage", "supply_power"} < set(output_units("nonlinear"))
-    assert {unit_of(name) for name in ALL} == {"ms", "%", "deg", "deg/s", "Hz", "dB", "A", "W", "J"}
+    assert {file_unit(name) for name in ALL} == {"ms", "%", "deg", "deg/s", "Hz", "dB", "A", "W", "J"}

@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from emcas_fmu.bench import excitation, metrics
+from emcas_fmu.bench import excitation, measure, metrics
 from emcas_fmu.bench.excitation import Excitation
 from emcas_fmu.bench.frequency_response import frequency_response, fundamental, held, swept
-from emcas_fmu.bench.measure import KINDS
 from emcas_fmu.bench.metrics import FIGURES
 from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.bench.subject import ParameterSubject
@@ -47,7 +46,7 @@ JUDGED: Mapping[str, str] = {
 def specification(model: str) -> str:
     """Return the text of a file of requirements with every figure of every kind of test."""
     lines = ["[cases.nominal]\n[cases.other]\n" + JUDGED[model]]
-    for kind, (_, names, _) in KINDS.items():
+    for kind, (_, names, _) in measure.TESTS.items():
         for name in names:
             sense = "minimum" if FIGURES[name].bad < 0.0 else "maximum"
             settings = ", ".join(filter(None, (f'kind = "{kind}"', TESTS[kind])))

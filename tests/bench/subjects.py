@@ -11,11 +11,11 @@ from scipy import signal
 
 from emcas_fmu.bench.excitation import Excitation
 from emcas_fmu.bench.runs import Run
-from emcas_fmu.bench.subject import Identification, Subject
+from emcas_fmu.bench.subject import Identity, Subject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.variables import Variable
 
-IDENTIFICATION = Identification("subject", "none", "", "closed form", "", "", "", "a test", (), ())
+IDENTIFICATION = Identity("subject", "none", "", "closed form", "", "", "", "a test", (), ())
 FIN_PORT = ("fin_angle", "fin_rate", "saturated", "at_stop")
 
 
@@ -35,7 +35,7 @@ class Known(Subject):
         return self._values
 
     @property
-    def identification(self) -> Identification:
+    def identification(self) -> Identity:
         return IDENTIFICATION
 
     def angle(self, command: Any, torque: Any, step: float) -> Any:

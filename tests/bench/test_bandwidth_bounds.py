@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import isnan, nan, radians
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from emcas_fmu.bench.frequency_response import FrequencyResponse, swept
 from emcas_fmu.bench.measure import BANDWIDTHS, bound
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.analysis.sweep import sweeps
-from emcas_fmu.studies.report.outcome import Group, Quantity
+from emcas_fmu.studies.report import responses
+from emcas_fmu.studies.report.outcome import quantity
 
 FREQUENCY = np.array([0.5, 1.0, 2.0])
 
@@ -43,6 +45,9 @@ def test_sines_within_a_dead_band() -> None:
 
 @pytest.mark.parametrize(("value", "text"), [
     (BANDWIDTHS[0], "< 2 Hz"), (14.0, "14 Hz"), (BANDWIDTHS[1], "> 60 Hz"), (nan, "–")])
-def test_bandwidths_of_a_report(value: float, text: str) -> None:
-    assert Group("", {"bandwidth_3db_hz": value}).shown(Quantity("bandwidth_3db_hz", "", "")).startswith(text)
+def test_bandwidths_of_a_report(value: float, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(responses, "sweep_response", Mock(return_value=Mock(phase=0.0)))
+    monkeypatch.setattr(responses, "sweep_figures", lambda *_: {"bandwidth_3db": value, "bandwidth_90deg": 14.0})
+    group = responses.frequency(Mock()).groups["1deg"]
+    assert group.shown(quantity("bandwidth_3db")).startswith(text)
     assert text.startswith(bound(value))

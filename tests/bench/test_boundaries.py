@@ -23,7 +23,7 @@ from emcas_fmu.bench.excitation import (
     sweep,
     times,
 )
-from emcas_fmu.bench.measure import KINDS, REST, Test, histories
+from emcas_fmu.bench.measure import REST, TESTS, Test, histories
 from emcas_fmu.bench.metrics import FIGURES
 from emcas_fmu.bench.requirements import Requirement, load_requirements
 from emcas_fmu.bench.subject import ParameterSubject
@@ -114,7 +114,7 @@ def test_bad_of_a_figure_is_plus_or_minus_one() -> None:
     assert {abs(figure.bad) for figure in FIGURES.values()} == {1.0}
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", TESTS)
 def test_default_test_is_unloaded_at_full_supply(kind: str) -> None:
     """The simulated time counts both directions."""
     test = Test(kind)
@@ -153,10 +153,10 @@ def requirement(folder: Path, test: str, figure: str, limit: str) -> Requirement
     return only
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", TESTS)
 def test_range_of_each_setting_of_a_test(kind: str, tmp_path: Path) -> None:
     """Missing settings have the defaults of Test. The least and greatest value are accepted, values beyond refused."""
-    figure = KINDS[kind].figures[0]
+    figure = TESTS[kind].figures[0]
     unit = FIGURES[figure].unit
     required = {name: value for name, value in (("amplitude", radians(5.0)), ("torque", 50.0)) if name in HAS[kind]}
     texts = [f"kind = '{kind}'", *(REQUIRED[name] for name in required)]

@@ -17,7 +17,7 @@ from emcas_fmu.pages.page import write_page
 from emcas_fmu.pages.provenance import Source
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.plotting import plots
-from emcas_fmu.studies.compare.sets import Column, Result
+from emcas_fmu.studies.compare.sets import Column, SetComparison
 from tests.explore.browser import Browser, chromium
 from tests.looks.looks import contrast
 
@@ -204,7 +204,7 @@ def comparison_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
             for n, value in enumerate((0.1234, 0.2345, None))]
     path = tmp_path_factory.mktemp("compare") / "page.html"
     columns = tuple(Column(name, parameters, tuple(rows), {}) for name in names)
-    write_page(path, "studies/compare/page.html.j2", [parameters], result=Result(columns), pictures=[])
+    write_page(path, "studies/compare/page.html.j2", [parameters], result=SetComparison(columns), pictures=[])
     return path
 
 

@@ -20,7 +20,7 @@ from emcas_fmu.bench.excitation import (
     sweep,
 )
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.motions import KINDS, LEAD_IN, LOAD_RISE, MOTIONS, SETTLE, STEP
+from emcas_fmu.motions import EXCITATIONS, LEAD_IN, LOAD_RISE, MOTIONS, SETTLE, STEP
 from emcas_fmu.reference.cases import CASES
 
 
@@ -145,5 +145,5 @@ def test_slew_begins_at_zero_or_at_its_starting_end(settle: float) -> None:
 def test_default_frequencies_are_those_of_the_kind() -> None:
     for kind in ("sine", "sweep"):
         made = motion(kind, 0.1, 0.5)
-        np.testing.assert_array_equal(made.command, motion(kind, 0.1, 0.5, **KINDS[kind].defaults).command)
+        np.testing.assert_array_equal(made.command, motion(kind, 0.1, 0.5, **EXCITATIONS[kind].defaults).command)
         assert np.ptp(made.command) > 0.1

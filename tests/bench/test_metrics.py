@@ -97,7 +97,7 @@ def test_current_ripple_is_that_of_the_worst_second_and_not_a_drift(hold: float,
     runs = {"time": time, "fin_angle": np.zeros((2, len(time))), "fin_rate": np.zeros((2, len(time))),
             "motor_current": np.array([time, burst])}
     excited = Excitation("hold", {"fin_command": np.zeros(len(time)), "aero_torque": np.zeros(len(time))}, 0.0)
-    drift, worst = metrics.rest(Run(excited, runs, None, (), 0.0))["current_ripple"]
+    drift, worst = metrics.rest_figures(Run(excited, runs, None, (), 0.0))["current_ripple"]
     per_second = max(round(1.0 / row), 1)
     assert drift == pytest.approx(row * math.sqrt(((per_second + 1) ** 2 - 1) / 12.0), rel=1e-9)  # of equidistant rows
     if row < 0.01:
@@ -136,7 +136,7 @@ def test_rates_of_a_trapezoidal_slew(sign: float) -> None:
     for rates, peak in ((rate, 200.0), (spike, 900.0)):  # a spike changes only the peak rate
         run = Run(Excitation("slew", {"fin_command": command}),
                   {"time": time, "fin_angle": sign * angle - 3.0, "fin_rate": sign * rates}, None, (), 0.0)
-        found = metrics.motion(run)
+        found = metrics.motion_figures(run)
         assert found["peak_rate"] == pytest.approx(peak, rel=1e-12)
         assert found["sustained_rate"] == pytest.approx(200.0, rel=1e-9)
 

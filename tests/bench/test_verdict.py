@@ -17,7 +17,7 @@ from scipy import signal
 
 from emcas_fmu.bench import metrics, writers
 from emcas_fmu.bench.excitation import step_to
-from emcas_fmu.bench.measure import BANDWIDTHS, KINDS, Test, describing_function, excitation, measure
+from emcas_fmu.bench.measure import BANDWIDTHS, TESTS, Test, describing_function, excitation, measure
 from emcas_fmu.bench.metrics import FIGURES, Array, hold_figures
 from emcas_fmu.bench.requirements import NOMINAL, Case, Specification, load_requirements
 from emcas_fmu.bench.runs import Run
@@ -82,8 +82,8 @@ def _step_run(angle: Array, **others: Array) -> Run:
 def test_motion_figures_of_a_first_order_response() -> None:
     lag = 0.4
     remainder = np.exp(-TIME / lag)
-    found = metrics.motion(_step_run(LEVEL * (1.0 - remainder), fin_rate=LEVEL / lag * remainder,
-                                     motor_current=3.0 + np.sin(2 * pi * 10.0 * TIME)), -1)
+    found = metrics.motion_figures(_step_run(LEVEL * (1.0 - remainder), fin_rate=LEVEL / lag * remainder,
+                                             motor_current=3.0 + np.sin(2 * pi * 10.0 * TIME)), -1)
     begin, end = exp(-2.0 / lag), exp(-3.0 / lag)
     exact = {"rise_time": lag * log(9.0), "time_to_90_percent": lag * log(10.0), "settling_time": lag * log(50.0),
              "time_to_accuracy": lag * log(LEVEL / metrics.ACCURACY), "overshoot": 0.0, "peak_rate": LEVEL / lag,
@@ -99,7 +99,8 @@ def test_motion_figures_of_a_first_order_response() -> None:
 def test_overshoot_of_a_damped_oscillation() -> None:
     """The error exp(-s t) cos(w t) has its first negative peak at w t = pi - atan(s/w)."""
     decay, omega = 8.0, 2 * pi * 5.0
-    found = metrics.motion(_step_run(LEVEL * (1.0 - np.exp(-decay * TIME) * np.cos(omega * TIME)), fin_rate=TIME), -1)
+    response = LEVEL * (1.0 - np.exp(-decay * TIME) * np.cos(omega * TIME))
+    found = metrics.motion_figures(_step_run(response, fin_rate=TIME), -1)
     peak = (pi - atan(decay / omega)) / omega
     # The peak is up to half a row from a row: the largest sample is lower by at most about (w h)^2/8.
     assert found["overshoot"] == pytest.approx(-exp(-decay * peak) * cos(omega * peak), rel=2e-4)
@@ -114,7 +115,7 @@ def test_rest_figures_after_a_load_is_released(sign: float) -> None:
     after = np.maximum(time - 0.5, 0.0)
     angle = sign * size * np.exp(-decay * after) * np.cos(omega * after)
     columns = {"time": time, "fin_angle": angle, "motor_current": np.sin(2 * pi * 10.0 * time)}
-    found = metrics.rest(Run(rest.holding({"aero_torque": load}), columns, None, (), 0.0))
+    found = metrics.rest_figures(Run(rest.holding({"aero_torque": load}), columns, None, (), 0.0))
     peak = (pi - atan(decay / omega)) / omega
     assert found["rebound"] == pytest.approx(-size * exp(-decay * peak) * cos(omega * peak), rel=2e-4)
     last_third = after[time >= time[-1] - (time[-1] - 0.5) / 3.0 - 1e-9][0]
@@ -129,7 +130,7 @@ def test_usage_figures_of_a_sine() -> None:
     since = excited.time - excited.begin
     values = np.where(since < -1e-9, 9.0, 0.5 + np.sin(2 * pi * 10.0 * since))
     outputs = {name for figure in metrics.figures_of("usage").values() for name in figure.needs}
-    found = metrics.usage(Run(excited, {"time": excited.time, **dict.fromkeys(outputs, values)}, None, (), 0.0))
+    found = metrics.usage_figures(Run(excited, {"time": excited.time, **dict.fromkeys(outputs, values)}, None, (), 0.0))
     assert set(found) == set(metrics.figures_of("usage"))
     assert found["peak_current"] == pytest.approx(1.5, rel=1e-3)
     assert found["peak_power"] == pytest.approx(1.5, rel=1e-3)
@@ -497,11 +498,11 @@ def test_limit_may_have_any_unit_of_its_quantity(limit: str, expected: float, tm
     assert row.limit == pytest.approx(expected, abs=1e-9)  # rounded to nine decimals
 
 
-@pytest.mark.parametrize("kind", list(KINDS))
+@pytest.mark.parametrize("kind", list(TESTS))
 def test_every_figure_of_every_excitation_has_a_finite_value(kind: str) -> None:
     test = {"load": Test(kind, torque=50.0), "release": Test(kind, torque=50.0, settle=0.3)}.get(
         kind, Test(kind, radians(5.0), 0.6, torque=-20.0 if kind in ("slew", "step") else 100.0))
-    names = KINDS[kind].figures
+    names = TESTS[kind].figures
     ((*found,),) = measure(test, ParameterSubject(load_parameters()), [{}], names, ["maximum"] * len(names))
     assert np.all(np.isfinite(found)), dict(zip(names, found, strict=True))
     assert set(names) <= set(FIGURES)

@@ -17,7 +17,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.campaign import sample
 from emcas_fmu.studies.campaign.run import local_client
 from emcas_fmu.studies.campaign.store import Store
-from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.studies.campaign.study import Campaign, load_study
 
 from ..fmu.built import lean
 
@@ -86,18 +86,18 @@ def native_fmu(model: str, folder: Path, **more: Any) -> Path:
     return lean(load_parameters(model=model), folder / "unit.fmu", **more)
 
 
-def rows_of(study: Study, indices: Sequence[int], drawn: Any) -> list[dict[str, Any]]:
+def rows_of(study: Campaign, indices: Sequence[int], drawn: Any) -> list[dict[str, Any]]:
     """Return the rows of samples as a list."""
     return sample.listed(sample.rows(study, indices, drawn))
 
 
-def row_of(study: Study, index: int, drawn: Sequence[float], subject: Subject) -> dict[str, Any]:
+def row_of(study: Campaign, index: int, drawn: Sequence[float], subject: Subject) -> dict[str, Any]:
     """Return the row of one sample."""
     (row,) = sample.listed(sample.together(study, [index], np.array([drawn]), subject))
     return row
 
 
-def assert_same_rows(by_fmu: Study, by_kernel: Study, drawn: Any) -> None:
+def assert_same_rows(by_fmu: Campaign, by_kernel: Campaign, drawn: Any) -> None:
     """Compare rows: trajectories agree within 1e-9 rad, and figures divide them by 1e-3 or more."""
     for row, expected in zip(*(rows_of(study, range(len(drawn)), np.array(drawn)) for study in (by_fmu, by_kernel)),
                              strict=True):
@@ -119,12 +119,12 @@ def write(tmp_path: Path) -> Write:
 
 
 @pytest.fixture
-def small(write: Write) -> Study:
+def small(write: Write) -> Campaign:
     return load_study(write(SMALL))
 
 
 @pytest.fixture
-def store(small: Study, tmp_path: Path) -> Iterator[Store]:
+def store(small: Campaign, tmp_path: Path) -> Iterator[Store]:
     """The result folder of the small campaign."""
     with Store(tmp_path / "out", small) as opened:
         yield opened

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from emcas_fmu.bench.writers import plain
-from emcas_fmu.studies.campaign.sample import Rows
+from emcas_fmu.studies.campaign.sample import SampleColumns
 from emcas_fmu.studies.campaign.store import Store
 
 from .conftest import SMALL, Write, campaign
@@ -146,7 +146,7 @@ def test_missing_samples_are_counted_in_the_error(
     """A part is removed during the run."""
     write_rows, folder = Store.write, tmp_path / "out"
 
-    def lose(store: Store, rows: Rows) -> Path:
+    def lose(store: Store, rows: SampleColumns) -> Path:
         path = write_rows(store, rows)
         if rows["index"][0] == 10:
             path.unlink()

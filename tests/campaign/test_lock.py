@@ -11,7 +11,7 @@ import pytest
 
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.store import Store
-from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.studies.campaign.study import Campaign, load_study
 
 from .conftest import SMALL, Write, campaign
 
@@ -59,7 +59,7 @@ def test_killed_run_releases_the_lock(tmp_path: Path, other: subprocess.Popen[st
         assert len(store.missing()) == 24
 
 
-def test_second_store_in_the_same_process_is_refused(write: Write, small: Study, tmp_path: Path) -> None:
+def test_second_store_in_the_same_process_is_refused(write: Write, small: Campaign, tmp_path: Path) -> None:
     with Store(tmp_path / "out", small), pytest.raises(CampaignError, match="another process"):
         Store(tmp_path / "out", small)
     changed = load_study(write(SMALL.replace("seed = 5", "seed = 7")))

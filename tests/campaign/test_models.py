@@ -22,7 +22,7 @@ from emcas_fmu.studies.campaign import extension_outputs, sample
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.experiments import excitation
 from emcas_fmu.studies.campaign.store import Store, identity
-from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.studies.campaign.study import Campaign, load_study
 from emcas_fmu.support.files import models_directory
 
 from .conftest import A_STEP, SMALL, Write, assert_same_rows, campaign, native_fmu, rows_of
@@ -74,7 +74,7 @@ def faults_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return native_fmu("nonlinear+faults", tmp_path_factory.mktemp("faults"))
 
 
-def test_campaign_without_a_model_adds_nothing_to_identity_or_rows(small: Study) -> None:
+def test_campaign_without_a_model_adds_nothing_to_identity_or_rows(small: Campaign) -> None:
     """Older stores of such a campaign can be continued."""
     assert small.model == "nonlinear"
     assert "model" not in identity(small)
@@ -239,7 +239,8 @@ def test_findings_of_rows_with_known_results(write: Write) -> None:
     assert counts["fly.fault_word_ever"] == {"jam": 5, "none": 2, "hard_over": 1}
     assert [*extension_outputs.findings(load_study(write(SMALL)), table)] == []
     second_order = load_study(write(FAULTS), model="second-order+faults")  # has neither motor nor bus to monitor
-    assert [list(f.monitors) for f in extension_outputs.findings(second_order, table)] == [["tracking", "command"]] * 3
+    found = extension_outputs.findings(second_order, table)
+    assert [list(f.monitors) for f in found] == [["tracking", "command"]] * 3
 
 
 def test_findings_name_a_fault_of_a_users_actuator(write: Write) -> None:

@@ -21,7 +21,7 @@ from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.quantiles import Chance
 from emcas_fmu.studies.campaign.run import by_dask, in_process
 from emcas_fmu.studies.campaign.store import Store
-from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.studies.campaign.study import Campaign, load_study
 from emcas_fmu.studies.campaign.summary import summarise
 
 from .conftest import A_STEP, Write, assert_same_rows, campaign
@@ -124,11 +124,11 @@ def required(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def varied(write: Write, required: Path) -> Study:
+def varied(write: Write, required: Path) -> Campaign:
     return load_study(write(VARIED), requirements=required)
 
 
-def rows_in_process(study: Study, folder: Path, sizes: tuple[int, ...] = (9,)) -> str:
+def rows_in_process(study: Campaign, folder: Path, sizes: tuple[int, ...] = (9,)) -> str:
     """Run the samples in this process, `sizes` of them per run, and return all rows as exact text."""
     for size in sizes:
         with Store(folder, study) as store:
@@ -139,7 +139,7 @@ def rows_in_process(study: Study, folder: Path, sizes: tuple[int, ...] = (9,)) -
 
 
 @pytest.mark.slow
-def test_resumed_runs_and_workers_give_the_same_rows(varied: Study, tmp_path: Path, client: Any) -> None:
+def test_resumed_runs_and_workers_give_the_same_rows(varied: Campaign, tmp_path: Path, client: Any) -> None:
     rows = rows_in_process(varied, tmp_path / "alone")
     assert rows_in_process(varied, tmp_path / "resumed", (2, 3, 4)) == rows
     with Store(tmp_path / "workers", varied) as store:
@@ -165,7 +165,7 @@ def test_row_does_not_depend_on_the_samples_computed_with_it(
             assert repr(row) == repr(alone[row["index"]])
 
 
-def test_figures_equal_those_of_a_parameter_set_with_the_drawn_values(varied: Study, required: Path) -> None:
+def test_figures_equal_those_of_a_parameter_set_with_the_drawn_values(varied: Campaign, required: Path) -> None:
     """A low supply is relative to the drawn voltage, and cases apply to the drawn parameters."""
     study, drawn = varied, varied.draw([0, 1])
     drawn[:, 1] = 28.0, 39.0
@@ -243,7 +243,7 @@ def test_failed_sample_meets_no_requirement(write: Write, tmp_path: Path) -> Non
     assert [(c.met, c.samples) for c in found.chances] == [(8, 10), (5, 10), (5, 10)]
 
 
-def test_inputs_of_experiments_have_no_sensitivity_on_requirements(varied: Study, tmp_path: Path) -> None:
+def test_inputs_of_experiments_have_no_sensitivity_on_requirements(varied: Campaign, tmp_path: Path) -> None:
     rows = sample.failed(varied, range(9), varied.draw(range(9)), [""] * 9)
     rows |= {"status": ["ok"] * 9, **dict.fromkeys(sample.columns(varied), np.arange(9.0))}
     rows = {name: [*column] * 2 for name, column in rows.items()} | {"index": np.arange(18)}

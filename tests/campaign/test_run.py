@@ -19,9 +19,9 @@ import pytest
 from emcas_fmu.studies.campaign import run
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.run import by_dask, chunk_size, in_process, local_client
-from emcas_fmu.studies.campaign.sample import Rows
+from emcas_fmu.studies.campaign.sample import SampleColumns
 from emcas_fmu.studies.campaign.store import Store
-from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.studies.campaign.study import Campaign, load_study
 from emcas_fmu.support.progress import waking
 
 from .conftest import SMALL, Write
@@ -30,7 +30,7 @@ from .work import DEADLY, deadly, slow
 LONGER = SMALL.replace("samples = 24", "samples = 250").replace('"0.3 s"', '"1 s"')
 
 
-def undisturbed(study: Study, folder: Path) -> pa.Table:
+def undisturbed(study: Campaign, folder: Path) -> pa.Table:
     """Return the rows of an undisturbed run in this process."""
     with Store(folder, study) as store:
         in_process(study, store.missing(), store.write)
@@ -42,17 +42,17 @@ def same(one: pa.Table, other: pa.Table) -> bool:
     return bool(repr(one.to_pylist()) == repr(other.to_pylist()))
 
 
-def test_workers_give_the_rows_of_one_process(small: Study, store: Store, tmp_path: Path, client: Any) -> None:
+def test_workers_give_the_rows_of_one_process(small: Campaign, store: Store, tmp_path: Path, client: Any) -> None:
     by_dask(client, small, store.missing(), store.write, chunk=5)
     assert same(store.table(), undisturbed(small, tmp_path / "undisturbed"))
 
 
 @pytest.mark.slow
-def test_killed_worker_loses_no_sample(small: Study, store: Store, tmp_path: Path, client: Any) -> None:
+def test_killed_worker_loses_no_sample(small: Campaign, store: Store, tmp_path: Path, client: Any) -> None:
     victims = list(client.run(os.getpid).values())
     indices: list[int] = []
 
-    def write(rows: Rows) -> None:
+    def write(rows: SampleColumns) -> None:
         if not indices:
             os.kill(victims[0], signal.SIGKILL)
         indices.extend(rows["index"].tolist())
@@ -64,7 +64,7 @@ def test_killed_worker_loses_no_sample(small: Study, store: Store, tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_sample_that_kills_its_workers_fails_alone(small: Study, store: Store, tmp_path: Path, client: Any) -> None:
+def test_sample_that_kills_its_workers_fails_alone(small: Campaign, store: Store, tmp_path: Path, client: Any) -> None:
     by_dask(client, small, store.missing(), store.write, chunk=3, work=deadly)
     found, expected = store.table().to_pylist(), undisturbed(small, tmp_path / "undisturbed").to_pylist()
     lost = found.pop(DEADLY)
@@ -75,7 +75,8 @@ def test_sample_that_kills_its_workers_fails_alone(small: Study, store: Store, t
 
 
 @pytest.mark.slow
-def test_run_continues_if_a_worker_restarts_slowly(small: Study, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_continues_if_a_worker_restarts_slowly(
+        small: Campaign, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     """A restart takes seconds, longer than Dask's limit in this test; on a busy machine longer than its default."""
     import dask.distributed  # sets Dask's defaults
 
@@ -88,7 +89,7 @@ def test_run_continues_if_a_worker_restarts_slowly(small: Study, store: Store, m
 
 
 @pytest.mark.slow
-def test_error_if_no_worker_is_left(small: Study, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_if_no_worker_is_left(small: Campaign, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "_RESTARTED", 1.0)
     with local_client(1) as other:
         other.retire_workers()
@@ -110,9 +111,9 @@ def test_error_if_every_worker_is_paused(arguments: Mapping[str, Any]) -> None:
 
 
 @pytest.mark.slow
-def test_error_if_the_scheduler_is_lost(small: Study, store: Store) -> None:
+def test_error_if_the_scheduler_is_lost(small: Campaign, store: Store) -> None:
     with local_client(1) as other:
-        def write(rows: Rows) -> None:
+        def write(rows: SampleColumns) -> None:
             store.write(rows)
             other.cluster.close()
 
@@ -196,6 +197,6 @@ def test_ctrl_c_keeps_the_finished_samples(write: Write, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(("count", "threads", "size"), [(10, 2, 1), (160, 2, 10), (10**6, 4, 3333), (1, 64, 1)])
-def test_chunk_size(small: Study, count: int, threads: int, size: int) -> None:
+def test_chunk_size(small: Campaign, count: int, threads: int, size: int) -> None:
     assert chunk_size(small, count, threads) == size  # 3333 samples of 0.3 s take about 200 s
     assert chunk_size(replace(small, fmu="EMCAS.fmu"), count, threads) == min(size, 66)

@@ -23,7 +23,7 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.campaign import experiments, sample
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.experiments import Experiment, Profile, excitation
-from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.studies.campaign.study import Campaign, load_study
 from tests.bench.subjects import Broken
 
 from .conftest import SMALL, Write, assert_same_rows, row_of, rows_of
@@ -66,7 +66,7 @@ def test_step_and_slew_have_the_figures_of_the_bench(kind: str, motion: Callable
     """Figures are those of the last jump. Additional rows of the power split the kernel's ticks: rounding differs."""
     found = figures(Experiment("a", kind, 0.6), {"experiments.a.amplitude": radians(5.0)})
     run = SUBJECT.run(motion(radians(5.0), 0.6))
-    expected = {**metrics.usage(run), **metrics.motion(run, -1)}
+    expected = {**metrics.usage_figures(run), **metrics.motion_figures(run, -1)}
     for name in ("rise_time", "settling_time", "overshoot", "sustained_rate", "peak_current", "rms_tracking_error"):
         assert found[name] == pytest.approx(expected[name], rel=1e-9), name
     assert found["steady_error"] == pytest.approx(abs(expected["steady_error"]), rel=1e-9)
@@ -141,7 +141,7 @@ def test_failed_sample_is_recorded_with_its_reason(write: Write) -> None:
     assert (stopped["status"], stopped["error"]) == ("failed", "error: the bridge is open")
 
 
-def test_sample_that_never_reaches_the_command_does_not_fail(small: Study) -> None:
+def test_sample_that_never_reaches_the_command_does_not_fail(small: Campaign) -> None:
     """A load beyond the motor's torque turns the fin to the stop: the rise time is missing, other figures are not."""
     row = row_of(small, 0, [0.11, 20.0, -2000.0], SUBJECT)
     assert row["status"] == "ok"

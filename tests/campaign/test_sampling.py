@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from emcas_fmu.parameters.schema import In
-from emcas_fmu.studies.campaign.distributions import KINDS, distribution
-from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.studies.campaign.distributions import DISTRIBUTIONS, distribution
+from emcas_fmu.studies.campaign.study import Campaign, load_study
 
 from ..marks import others_slow
 from .conftest import GRID, SMALL, Write
@@ -35,7 +35,7 @@ MOMENTS = {
 }
 
 
-def method(write: Write, name: str, samples: int = 24) -> Study:
+def method(write: Write, name: str, samples: int = 24) -> Campaign:
     text = GRID if name == "grid" else SMALL.replace("seed = 5", f'seed = 5\nmethod = "{name}"')
     return load_study(write(text.replace("samples = 24", f"samples = {samples}")))
 
@@ -76,7 +76,7 @@ def test_index_beyond_the_last_sample_is_refused(write: Write) -> None:
         method(write, "monte-carlo").draw([24])
 
 
-@pytest.mark.parametrize("name", list(KINDS))
+@pytest.mark.parametrize("name", list(DISTRIBUTIONS))
 def test_mean_and_standard_deviation_of_each_distribution(name: str) -> None:
     """Compare moments over the probabilities (k + 1/2)/n with closed forms.
 

@@ -15,12 +15,12 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.run import in_process
 from emcas_fmu.studies.campaign.store import Store
-from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.studies.campaign.study import Campaign, load_study
 
 from .conftest import SMALL, Write
 
 
-def test_parts_contain_their_provenance(small: Study, store: Store, tmp_path: Path) -> None:
+def test_parts_contain_their_provenance(small: Campaign, store: Store, tmp_path: Path) -> None:
     in_process(small, store.missing()[:5], store.write, 5)
     part = next((tmp_path / "out" / "samples").glob("*.parquet"))
     metadata = {k.decode(): v.decode() for k, v in pq.read_schema(part).metadata.items()}
@@ -34,7 +34,7 @@ def test_parts_contain_their_provenance(small: Study, store: Store, tmp_path: Pa
     assert set(table["seed"].to_pylist()) == {5}
 
 
-def test_partial_file_is_ignored_and_removed(small: Study, store: Store, tmp_path: Path) -> None:
+def test_partial_file_is_ignored_and_removed(small: Campaign, store: Store, tmp_path: Path) -> None:
     in_process(small, store.missing()[:4], store.write, 4)
     partial = tmp_path / "out" / "samples" / ".part-000000004.parquet.1.partial"
     partial.write_bytes(b"PAR1")
@@ -44,13 +44,13 @@ def test_partial_file_is_ignored_and_removed(small: Study, store: Store, tmp_pat
     assert not partial.exists()
 
 
-def test_folder_of_a_run_killed_before_its_first_sample_is_usable(small: Study, tmp_path: Path) -> None:
+def test_folder_of_a_run_killed_before_its_first_sample_is_usable(small: Campaign, tmp_path: Path) -> None:
     (tmp_path / "out" / "samples").mkdir(parents=True)
     (tmp_path / "out" / ".campaign.json.1.partial").write_bytes(b"{")
     assert len(Store(tmp_path / "out", small).missing()) == 24
 
 
-def test_sample_stored_twice_is_read_once(small: Study, store: Store) -> None:
+def test_sample_stored_twice_is_read_once(small: Campaign, store: Store) -> None:
     in_process(small, store.missing()[:4], store.write, 4)
     in_process(small, store.missing()[:2], store.write, 2)
     rows = store.table().slice(3, 2).to_pydict()
@@ -58,7 +58,7 @@ def test_sample_stored_twice_is_read_once(small: Study, store: Store) -> None:
     assert store.table()["index"].to_pylist() == [0, 1, 2, 3, 4, 5]
 
 
-def test_interrupted_write_leaves_no_part(small: Study, store: Store, tmp_path: Path,
+def test_interrupted_write_leaves_no_part(small: Campaign, store: Store, tmp_path: Path,
                                           monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(_: int) -> None:
         raise KeyboardInterrupt
@@ -90,7 +90,7 @@ def test_changed_comment_is_the_same_campaign(write: Write, tmp_path: Path) -> N
     assert len(Store(tmp_path / "out", load_study(write(f"# comment\n{SMALL}"))).missing()) == 24
 
 
-def test_folder_of_something_else_is_refused(small: Study, tmp_path: Path) -> None:
+def test_folder_of_something_else_is_refused(small: Campaign, tmp_path: Path) -> None:
     with pytest.raises(CampaignError, match="is not the folder of a campaign"):
         Store(tmp_path, small)  # contains the campaign's file
     (tmp_path / "out").mkdir()

@@ -14,7 +14,7 @@ from emcas_fmu.motions import LEAD_IN, MOTIONS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.experiments import excitation
-from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.studies.campaign.study import Campaign, load_study
 from emcas_fmu.support.files import models_directory
 from tests.default_actuator import FILE_ENTRIES
 from tests.marks import slow
@@ -33,7 +33,7 @@ def test_shipped_campaign_is_valid(write: Write, tmp_path: Path) -> None:
         assert sag.distribution.limits() == limits
 
 
-def test_numbers_of_a_study_have_the_units_of_the_table(small: Study) -> None:
+def test_numbers_of_a_study_have_the_units_of_the_table(small: Campaign) -> None:
     constant, temperature, load = (f.distribution.numbers for f in small.factors)
     base = load_parameters().values["motor.torque_constant"]
     # The default mean is the base value; a percentage of an sd is relative to the mean (one rounding).
@@ -76,7 +76,7 @@ def test_warning_if_the_constant_temperature_is_outside_the_tested_range(write: 
     assert result.stderr.count("warning: friction.temperature = -50 degC is outside") == 1
 
 
-def test_parameter_that_follows_another_keeps_its_ratio(small: Study) -> None:
+def test_parameter_that_follows_another_keeps_its_ratio(small: Campaign) -> None:
     values, _ = small.varied([1.5 * small.base["motor.torque_constant"], 0.0, 0.0])
     assert values["motor.back_emf_constant"] == pytest.approx(1.5 * small.base["motor.back_emf_constant"], rel=1e-15)
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from emcas_fmu.simulation import Array
 from emcas_fmu.studies.campaign import sample
-from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.studies.campaign.study import Campaign, load_study
 
 # Parameters, inputs and experiments vary. Some samples fail: invalid parameters, windows or heights, and huge loads.
 VARIED = """
@@ -62,7 +62,7 @@ SAMPLES = 24
 
 
 @pytest.fixture(scope="module")
-def varied(tmp_path_factory: pytest.TempPathFactory) -> tuple[Study, Array, list[dict[str, object]]]:
+def varied(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, Array, list[dict[str, object]]]:
     """The study, the drawn values, and the rows, each computed alone."""
     path: Path = tmp_path_factory.mktemp("varied") / "varied.toml"
     path.write_text(VARIED, encoding="utf-8")
@@ -76,14 +76,14 @@ def varied(tmp_path_factory: pytest.TempPathFactory) -> tuple[Study, Array, list
     return study, drawn, rows
 
 
-def rows_of_samples(study: Study, drawn: Array, indices: list[int]) -> list[dict[str, object]]:
+def rows_of_samples(study: Campaign, drawn: Array, indices: list[int]) -> list[dict[str, object]]:
     return sample.listed(sample.together(study, indices, drawn[indices], sample.subject_of(study)))
 
 
 @settings(max_examples=8)
 @given(st.permutations(range(SAMPLES)), st.lists(st.integers(1, SAMPLES - 1), max_size=4, unique=True))
 def test_row_computed_with_others_equals_the_row_computed_alone(
-        varied: tuple[Study, Array, list[dict[str, object]]], order: list[int], cuts: list[int]) -> None:
+        varied: tuple[Campaign, Array, list[dict[str, object]]], order: list[int], cuts: list[int]) -> None:
     study, drawn, alone = varied
     for part in np.split(np.array(order), sorted(cuts)):
         for index, row in zip(part.tolist(), rows_of_samples(study, drawn, part.tolist()), strict=True):

@@ -49,7 +49,7 @@ def test_verdicts_of_the_default_set_equal_those_of_validate(drives: dict[str, C
 
 
 def test_differing_parameters_are_listed(drives: dict[str, Column]) -> None:
-    assert sets.Result(tuple(drives.values())).differing == {
+    assert sets.SetComparison(tuple(drives.values())).differing == {
         "drive.kp": (5.0, 5.0, 1.04, 5.0), "drive.ki": (0.1, 0.1, 0.0018, 2083.0)}
 
 

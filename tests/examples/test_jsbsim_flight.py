@@ -38,7 +38,7 @@ def model(four: Path) -> ParameterSet:
 def test_fit_to_an_fmu_equals_the_fit_to_its_parameters(
         four: Path, native: Path, model: ParameterSet, tmp_path: Path) -> None:
     sets = [model, second_order.fit(native).parameters, fitting.fit(load_parameters()).parameters]
-    of_four, of_one, of_parameters = ([s.values[name] for name in fitting.NAMES] for s in sets)
+    of_four, of_one, of_parameters = ([s.values[name] for name in fitting.FITTED] for s in sets)
     assert of_four == of_one == of_parameters
     changed = load_parameters().with_values({"drive.transport_delay": 0.005, "drive.supply_voltage": 30.0,
                                              "encoder.enabled": False})

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from emcas_fmu import motions
 from emcas_fmu.bench import excitation as excitations
 from emcas_fmu.bench import measure, metrics
 from emcas_fmu.bench.excitation import Excitation, csv_file
@@ -22,7 +23,6 @@ from emcas_fmu.bench.runs import Run
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.bench.verdict import Judged, judge
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.motions import KINDS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.explore import page
 
@@ -108,7 +108,8 @@ def test_excitations_equal_the_bench_s(scripts: Browser, kind: str, fields: dict
 
 def test_excitations_above_contain_every_kind_of_the_page(scripts: Browser) -> None:
     assert {*scripts.run("Object.keys(SHARES)")} == {kind for kind, _ in EXCITATIONS}
-    assert scripts.run("Object.keys(DATA.kinds)") == [*(name for name, kind in KINDS.items() if kind.usual), "csv"]
+    usual = [name for name, kind in motions.EXCITATIONS.items() if kind.usual]
+    assert scripts.run("Object.keys(DATA.kinds)") == [*usual, "csv"]
 
 
 def test_excitations_of_requirements_have_the_bench_s_bits(scripts: Browser, subject: ParameterSubject) -> None:
@@ -137,7 +138,7 @@ def test_figures_equal_the_bench_s(scripts: Browser, subject: ParameterSubject) 
     for name in ("step_plus20", "step_minus1"):
         run = subject.run(excitations.reference_case(name, exact=False))
         whole = replace(run, excitation=replace(run.excitation, begin=0.0))  # as `emcas simulate` does
-        expected = {**metrics.motion(run, -1), **metrics.usage(whole)}
+        expected = {**metrics.motion_figures(run, -1), **metrics.usage_figures(whole)}
         found = scripts.run(f"figures({run_of(run)})")
         assert found.keys() == expected.keys()
         # A steady error is a small difference of angles, whose rounding is 1e-12 rad.
@@ -193,7 +194,7 @@ def every_figure(tmp_path: Path) -> Path:
     entries = [f"[[requirements]]\nname = '{kind}_{k}_{figure}'\ntest = {test}\nfigure = '{figure}'\n{sense} = "
                f"'1 {metrics.FIGURES[figure].unit}'\n".replace("1 1", "1").replace("1 Hz", "10 Hz")
                for kind, tests in TESTS.items() for k, test in enumerate(tests)
-               for figure in measure.KINDS[kind].figures
+               for figure in measure.TESTS[kind].figures
                for sense in (["maximum"] if metrics.FIGURES[figure].bad > 0.0 else ["minimum"])]
     path = tmp_path / "mine.toml"
     path.write_text("[cases]\nweak = { 'motor.torque_constant' = '90 %' }\ncold = { 'friction.temperature' = "

@@ -213,7 +213,7 @@ def test_a_gap_that_has_grown_does_not_close_when_its_amount_falls(model: str, a
     for number in range(1, 11):
         core.run(0.02 * number, inputs)
         other.run(0.02 * number, inputs)
-    other.bind(codegen.bound(p.with_values({f"fault.{amount}": 0.0}).values, model))
+    other.bind(codegen.bound_functions(p.with_values({f"fault.{amount}": 0.0}).values, model))
     assert [core.run(0.2 + 0.01 * k, inputs) for k in range(1, 6)] == [
         other.run(0.2 + 0.01 * k, inputs) for k in range(1, 6)]
 
@@ -228,7 +228,7 @@ def test_a_changed_amount_acts_at_once(amount: str) -> None:
         inputs = codegen.inputs_at_rest(0.3, 0.0, 39.0)
         assert core.run(0.0202, inputs) == other.run(0.0202, inputs)
         changed = p.with_values({f"fault.{amount}": 0.7 * p.values[f"fault.{amount}"]})
-        other.bind(codegen.bound(changed.values, ELASTIC))
+        other.bind(codegen.bound_functions(changed.values, ELASTIC))
         outputs[active] = core.run(0.0208, inputs), other.run(0.0208, inputs)
     assert outputs[False][0] == outputs[False][1]
     assert outputs[True][0] != outputs[True][1]

@@ -14,7 +14,7 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.extensions.halves import measured
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.runtime import codegen
-from emcas_fmu.trace.dependencies import Known, dependencies, of_parameters
+from emcas_fmu.trace.dependencies import Dependence, dependencies, of_parameters
 from tests.marks import others_slow, slow
 
 STEP = 1e-3
@@ -87,8 +87,9 @@ def test_samples_depend_only_on_the_measured_states(model: str) -> None:
     """They are those that the actuator declares; an extension may declare states that some actuators do not have."""
     actuator, tracer = get(model), codegen.traced(False, model)
     sample = next(function for function in tracer.functions if function.name == "sample")
-    known = dependencies(tracer, "sample", [Known(names=frozenset({name})) for name in sample.arguments],
-                         of_parameters(tracer, {key: Known(names=frozenset({key})) for _, key in tracer.parameters}))
+    fixed = of_parameters(tracer, {key: Dependence(names=frozenset({key})) for _, key in tracer.parameters})
+    arguments = [Dependence(names=frozenset({name})) for name in sample.arguments]
+    known = dependencies(tracer, "sample", arguments, fixed)
     names = frozenset[str]().union(*(each.names for each in known))
     read = {s.name for s in actuator.states if s.name in names}
     assert read <= set(measured(actuator))

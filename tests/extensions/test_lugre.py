@@ -17,7 +17,7 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError
 from emcas_fmu.physics import mechanics
 from emcas_fmu.simulation import simulate
-from emcas_fmu.steppers.electrical import Plant
+from emcas_fmu.steppers.electrical import Motor
 from emcas_fmu.steppers.lugre import advance, shares
 from emcas_fmu.steppers.rigid import stops
 from tests.marks import slow
@@ -210,7 +210,7 @@ def test_bristles_create_no_energy(stiffness: float, damping: float, ratio: floa
         "lugre.damping": damping, "lugre.static_ratio": ratio, "lugre.stribeck_speed": width})
     p = with_values(nested(values, MODEL, constant_ratio=True), {"lugre.stiffness": stiffness})
     inertia = mechanics.coefficients(FLOATS, p, 0.0).inertia
-    s, z = Plant(0.0, speed, 0.0, 0.0), stretch * ratio * max(level, 1e-3) / stiffness
+    s, z = Motor(0.0, speed, 0.0, 0.0), stretch * ratio * max(level, 1e-3) / stiffness
     before = 0.5 * inertia * speed**2 + 0.5 * stiffness * z**2
     for _ in range(100):
         s, z, _ = advance(FLOATS, p, s, z, _OFF, h)
@@ -222,7 +222,7 @@ def test_bristles_create_no_energy(stiffness: float, damping: float, ratio: floa
 def test_steady_sliding_does_not_ring() -> None:
     """The speed falls monotonously and the torque is g, at 100 rad/s and 100 bristle lengths in a tick."""
     p = with_values(nested(values_of(PLAIN), MODEL, constant_ratio=True), {"lugre.stiffness": 20_000.0})
-    s, z, speeds = Plant(-20.0, 100.0, 0.0, 0.0), 0.0, [100.0]
+    s, z, speeds = Motor(-20.0, 100.0, 0.0, 0.0), 0.0, [100.0]
     for _ in range(200):
         s, z, _ = advance(FLOATS, p, s, z, _OFF, 1e-4)
         speeds.append(s.motor_speed)
@@ -265,7 +265,7 @@ def _at_the_stop(press: float, reference: float, h: float) -> tuple[float, float
     torque = 0.3
     load = mechanics.coefficients(FLOATS, p, stops(FLOATS, p)[1]).load
     deflection = (torque + load - press) / p.lugre.stiffness
-    s = Plant(stops(FLOATS, p)[1], 0.0, torque / p.motor.torque_constant, 0.0)
+    s = Motor(stops(FLOATS, p)[1], 0.0, torque / p.motor.torque_constant, 0.0)
     end, deflection_after, duration = advance(FLOATS, p, s, deflection, acting(reference, supply=900.0), h)
     assert (end.motor_angle, end.motor_speed, deflection_after) == (s.motor_angle, 0.0, deflection)
     return duration, p.motor.torque_constant * end.motor_current + load - p.lugre.stiffness * deflection

@@ -21,7 +21,7 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.documentation import documents
 from emcas_fmu.fmi.format import FORMATS
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
-from emcas_fmu.pages.credibility import FILE, NOT_DONE, USE, Card, Fact, Factor, card, read
+from emcas_fmu.pages.credibility import CARD_FILE, NOT_DONE, USE, Card, CredibilityFactor, Fact, card, read
 from emcas_fmu.pages.numbers import with_unit
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.reference.files import parameters_hash
@@ -43,7 +43,7 @@ def page_and_json(sets: Sequence[ParameterSet], fmi: str = "2", names: str = "st
     """Return page and JSON of an FMU without references; `sets` has the parameters of each fin."""
     interface = FmuInterface(len(sets), sets[0].model, names)
     files = documents(interface, sets, "{guid}", "native", FORMATS[fmi], ("linux64",))
-    return files["documentation/index.html"].decode(), json.loads(files[FILE])
+    return files["documentation/index.html"].decode(), json.loads(files[CARD_FILE])
 
 
 def facts(document: Mapping[str, Any], factor: str) -> dict[str, dict[str, Any]]:
@@ -170,7 +170,8 @@ def test_readme_and_card_state_the_same_use() -> None:
 
 
 def test_new_fact_replaces_the_fact_of_the_same_name_and_keeps_its_command() -> None:
-    before = Card("", "", (), "", (), (Factor("F", (Fact("a", NOT_DONE, command="c"), Fact("b", NOT_DONE))),))
+    facts = Fact("a", NOT_DONE, command="c"), Fact("b", NOT_DONE)
+    before = Card("", "", (), "", (), (CredibilityFactor("F", facts),))
     after = before.having("F", Fact("a", 1.0, "deg"), Fact("new", 2))
     assert after.factors[0].facts == (Fact("a", 1.0, "deg", command="c"), Fact("b", NOT_DONE), Fact("new", 2))
     assert (before.not_done, after.not_done) == (["a", "b"], ["b"])
@@ -192,7 +193,7 @@ def test_report_uses_the_embedded_card_if_it_is_intact(parameter_file: Path, tmp
     """A damaged card is an error; a card for other values is ignored."""
     fmu = lean(load_parameters(parameter_file), tmp_path / "mine.fmu")
     with open_subject(fmu) as subject:
-        embedded = json.loads((subject.fmu.folder / FILE).read_bytes())  # type: ignore[attr-defined]
+        embedded = json.loads((subject.fmu.folder / CARD_FILE).read_bytes())  # type: ignore[attr-defined]
         reported = subject.card.as_dict()
     assert "record a.csv" in facts(reported, "Validation")
     assert sha256(fmu.read_bytes()).hexdigest() in facts(reported, "M&S process/product management")["file"]["note"]
@@ -200,7 +201,7 @@ def test_report_uses_the_embedded_card_if_it_is_intact(parameter_file: Path, tmp
 
     def changed(before: bytes, after: bytes) -> Path:
         return rewritten(fmu, tmp_path / "changed.fmu",
-                         lambda name, content: content.replace(before, after) if name == FILE else content)
+                         lambda name, content: content.replace(before, after) if name == CARD_FILE else content)
 
     with open_subject(changed(embedded["values_sha256"][0].encode(), b"0" * 64)) as subject:
         document = subject.card.as_dict()

@@ -19,7 +19,14 @@ from scipy.signal import lfilter
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.parameters.toml import tomllib
 from emcas_fmu.studies.identification import drive, motion
-from emcas_fmu.studies.identification.estimation import SETTLED, Fit, correlation_time, descend, each, weighted_fit
+from emcas_fmu.studies.identification.estimation import (
+    SETTLED,
+    Fit,
+    correlation_time,
+    descend,
+    each,
+    weighted_fit,
+)
 from emcas_fmu.studies.identification.records import Array, RecordFile
 from examples.identification_bench import bench, rig
 from tests.marks import slow

@@ -12,7 +12,7 @@ import pytest
 
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference import files
-from emcas_fmu.reference.cases import TOLERANCE, Case
+from emcas_fmu.reference.cases import TOLERANCE, ReferenceCase
 from emcas_fmu.simulation import Array, simulate
 
 BASE = load_parameters()
@@ -60,7 +60,7 @@ def random_actuator(rng: np.random.Generator) -> dict[str, Any] | None:
     return changes if torque > 130.0 and 100.0 < rate < 700.0 else None
 
 
-def angle(case: Case, changes: Mapping[str, Any]) -> Array:
+def angle(case: ReferenceCase, changes: Mapping[str, Any]) -> Array:
     """Return the fin angle [rad] at the rows of a case."""
     signals: dict[str, Any] = {name: column for name, column in case.inputs().items() if name != "time"}
     response: Array = simulate(BASE.with_values({**changes, **case.overrides}).values, case.stop_time, case.step,
@@ -68,7 +68,7 @@ def angle(case: Case, changes: Mapping[str, Any]) -> Array:
     return response
 
 
-def reference_angle(case: Case, changes: Mapping[str, Any]) -> Array:
+def reference_angle(case: ReferenceCase, changes: Mapping[str, Any]) -> Array:
     """Return the same of the independent integration."""
     simulator = files.simulator("nonlinear")
     response: Array = simulator(BASE.with_values({**changes, **case.overrides}).values, case.inputs())["fin_angle"]

@@ -16,7 +16,7 @@ from emcas_fmu.actuators import get
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.reference.cases import Case
+from emcas_fmu.reference.cases import ReferenceCase
 from emcas_fmu.reference.files import cases, simulator
 from emcas_fmu.simulation import simulate
 from emcas_fmu.steppers.discontinuities import System
@@ -29,7 +29,7 @@ PARAMETERS = load_parameters(model=MODEL)
 CASES = {case.name: case for case in cases(PARAMETERS.model, PARAMETERS.values)}
 
 
-def largest_error(case: Case, tick: float) -> float:
+def largest_error(case: ReferenceCase, tick: float) -> float:
     """Return the largest error of the fin angle [deg] with a tick [s]."""
     inputs, values = case.inputs(), PARAMETERS.with_values({"solver.max_tick": tick, **case.overrides}).values
     signals: dict[str, Any] = {v.name: inputs[v.name] for v in get(MODEL).inputs if v.name in inputs}

@@ -152,7 +152,7 @@ def test_error_has_the_fitting_remedy(tmp_path: Path, expression: str, remedy: s
 ])
 def test_an_endless_loop_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: str, after: str, name: str
                                     ) -> None:
-    monkeypatch.setattr(external, "LONGEST", 0.5)
+    monkeypatch.setattr(external, "LONGEST_IMPORT", 0.5)
     path = changed(tmp_path, (before, after))
     lines = path.read_text(encoding="utf-8").splitlines()
     loop = next(i for i, line in enumerate(lines, 1) if "while True" in line)

@@ -125,13 +125,13 @@ def test_a_fault_switched_during_a_run_acts_with_the_next_sample() -> None:
     on = BASE.with_values({"fault.demagnetised.active": True})
     core, sound = (codegen.core(BASE.values, FAULTY) for _ in range(2))
     core.run(0.0204, inputs)
-    core.bind(codegen.bound(on.values, FAULTY))
+    core.bind(codegen.bound_functions(on.values, FAULTY))
     assert core.run(0.0208, inputs) == sound.run(0.0208, inputs)
     assert core.run(0.0212, inputs)[word] == DEMAGNETISED
     assert core.run(0.0304, inputs)[current] != sound.run(0.0304, inputs)[current]
     other = codegen.core(on.values, FAULTY)
     other.state = core.state
-    other.bind(codegen.bound(on.with_values({"fault.demagnetised.share": 0.3}).values, FAULTY))
+    other.bind(codegen.bound_functions(on.with_values({"fault.demagnetised.share": 0.3}).values, FAULTY))
     assert core.run(0.0308, inputs)[current] != other.run(0.0308, inputs)[current]
 
 

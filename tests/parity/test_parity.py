@@ -201,7 +201,7 @@ def test_input_derivatives(library: Fmu, values: Mapping[str, Any], rates: tuple
         assert native.step(time, size) == OK
         begin, end = time, time + size
         then = {name: value + slopes[name] * (end - begin) for name, value in now.items()}
-        loads, loads_then = (core.motion_loads(*(inputs.get(v.name, 0.0) for v in fin_port.MOTION))
+        loads, loads_then = (core.motion_loads(*(inputs.get(v.name, 0.0) for v in fin_port.VEHICLE_MOTION))
                              for inputs in (now, then))
         rise = ((b - a) / (end - begin) for a, b in zip(loads, loads_then, strict=True))
         outputs = core.run(end, (now["fin_command"], now["aero_torque"], *loads, now["supply_voltage"], True),

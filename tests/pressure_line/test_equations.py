@@ -133,6 +133,6 @@ def test_the_pressure_is_bounded_for_any_parameters(parameters: dict[str, float]
     line, before = namespace(parameters).line, begin
     for drawn in draws:
         after = pressure_line.next_pressure(FLOATS, line, source, before, drawn)
-        most = max(source, before if drawn >= 0.0 else 2.0 * before, 2.0 * pressure_line.LEAST)
-        assert pressure_line.LEAST <= after <= most * (1.0 + 1e-9)  # rounding
+        most = max(source, before if drawn >= 0.0 else 2.0 * before, 2.0 * pressure_line.LEAST_PRESSURE)
+        assert pressure_line.LEAST_PRESSURE <= after <= most * (1.0 + 1e-9)  # rounding
         before = after

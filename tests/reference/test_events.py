@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from emcas_fmu.reference.events import Accuracy, Event, Value, advance
+from emcas_fmu.reference.events import Accuracy, Event, Scalar, advance
 
 
 class _Mode(NamedTuple):
@@ -24,13 +24,13 @@ class _Falling:
     def __init__(self, apart: float):
         self.apart = apart
 
-    def slope(self, y: Any, mode: _Mode, around: Mapping[str, Value]) -> list[float]:
+    def slope(self, y: Any, mode: _Mode, around: Mapping[str, Scalar]) -> list[float]:
         return [-1.0]
 
-    def settled(self, y: Any, mode: _Mode, around: Mapping[str, Value]) -> _Mode:
+    def settled(self, y: Any, mode: _Mode, around: Mapping[str, Scalar]) -> _Mode:
         return mode
 
-    def events(self, mode: _Mode, around: Mapping[str, Value]) -> list[Event]:
+    def events(self, mode: _Mode, around: Mapping[str, Scalar]) -> list[Event]:
         margins = {"first": lambda y: y[0] - 0.5, "second": lambda y: y[0] - 0.5 - self.apart}
         return [Event(margins[name], {name: 1}) for name, value in mode._asdict().items() if not value]
 

@@ -17,7 +17,7 @@ from scipy.linalg import expm
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import files
-from emcas_fmu.reference.cases import CASES, Case
+from emcas_fmu.reference.cases import CASES, ReferenceCase
 from emcas_fmu.reference.controllers import Controllers
 from emcas_fmu.reference.drive import ON_LIMIT, Motor
 from emcas_fmu.reference.plant import Plant, simulate
@@ -368,7 +368,7 @@ def test_encoder_leaves_the_fin_within_its_resolution(values: Values, on_fin: bo
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_case_starts_at_rest_and_uses_interface_inputs(case: Case) -> None:
+def test_case_starts_at_rest_and_uses_interface_inputs(case: ReferenceCase) -> None:
     inputs = case.inputs()
     assert inputs["time"][-1] == case.stop_time
     assert set(inputs) - {"time"} <= set(INPUTS)
@@ -396,16 +396,16 @@ def test_a_sag_is_a_share_of_the_supply() -> None:
 
 
 @pytest.fixture
-def short(monkeypatch: pytest.MonkeyPatch) -> Case:
+def short(monkeypatch: pytest.MonkeyPatch) -> ReferenceCase:
     """A case of 80 ms with an override, which replaces the others."""
-    case = Case("short", "A short step", "step", 0.08, math.radians(5.0),
-                lambda t: {"fin_command": np.where(t > 0.0495, math.radians(5.0), 0.0)},
-                {"friction.temperature": -6.0})
+    case = ReferenceCase("short", "A short step", "step", 0.08, math.radians(5.0),
+                         lambda t: {"fin_command": np.where(t > 0.0495, math.radians(5.0), 0.0)},
+                         {"friction.temperature": -6.0})
     monkeypatch.setattr(files, "CASES", [case])
     return case
 
 
-def test_files_round_trip(short: Case, tmp_path: Path) -> None:
+def test_files_round_trip(short: ReferenceCase, tmp_path: Path) -> None:
     seen: list[tuple[str, int, int]] = []
     files.regenerate(tmp_path, progress=lambda *state: seen.append(state))
     assert seen == [("short", 0, 1), ("short", 1, 1)]
@@ -428,7 +428,8 @@ def test_files_round_trip(short: Case, tmp_path: Path) -> None:
     assert entry["sha256_ref"] == hashlib.sha256(text.encode()).hexdigest()
 
 
-def test_interrupted_regeneration_changes_no_file(short: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_regeneration_changes_no_file(
+        short: ReferenceCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     files.regenerate(tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     runs = iter([{"time": np.zeros(2), "fin_angle": np.ones(2)}])
@@ -445,7 +446,7 @@ def test_interrupted_regeneration_changes_no_file(short: Case, tmp_path: Path, m
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_regenerating_one_case_keeps_the_provenance_of_the_others(short: Case, tmp_path: Path,
+def test_regenerating_one_case_keeps_the_provenance_of_the_others(short: ReferenceCase, tmp_path: Path,
                                                                   monkeypatch: pytest.MonkeyPatch) -> None:
     another = dataclasses.replace(short, name="another")
     monkeypatch.setattr(files, "CASES", [short, another])
@@ -459,7 +460,7 @@ def test_regenerating_one_case_keeps_the_provenance_of_the_others(short: Case, t
     assert list(files.read_provenance(tmp_path)) == ["short", "another"]
 
 
-def test_comparison_finds_a_changed_response(short: Case, tmp_path: Path) -> None:
+def test_comparison_finds_a_changed_response(short: ReferenceCase, tmp_path: Path) -> None:
     files.regenerate(tmp_path)
     assert all(maximum <= tolerance for *_, maximum, tolerance in files.compare(tmp_path, ["short"]))
     path = tmp_path / "EMCAS_short_ref.csv"

@@ -13,7 +13,7 @@ from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.extensions import fault_list
 from emcas_fmu.parameters import ParameterSet, load_parameters
-from emcas_fmu.simulation import Signal, simulate, simulate_fins
+from emcas_fmu.simulation import InputSignal, simulate, simulate_fins
 
 Marks = dict[str, float]
 STOP = 0.52  # s, the end of the history
@@ -118,10 +118,10 @@ def supply(time: float) -> float:
     return 1.0 + _within(time, (0.18, 0.21, -0.45), (0.21, 0.24, 0.25), (0.41, 0.425, -0.8), (0.425, 0.43, -1.0))
 
 
-def history(p: ParameterSet) -> dict[str, Signal]:
+def history(p: ParameterSet) -> dict[str, InputSignal]:
     """Return the inputs of an actuator through the history."""
     actuator = p.actuator
-    inputs: dict[str, Signal] = {
+    inputs: dict[str, InputSignal] = {
         "fin_command": command, "aero_torque": load, "enable": lambda t: not 0.31 <= t < 0.395}
     motion = {"acceleration": (25.0, -14.0, 90.0), "attitude": (0.5, 0.2, -0.3), "angular_rate": (7.0, -4.0, 3.0),
               "angular_acceleration": (150.0, 80.0, -60.0)}
@@ -138,7 +138,7 @@ def _from(begin: float, amount: float) -> Callable[[float], float]:
     return lambda time: amount * (time > begin)
 
 
-def run(p: ParameterSet, stop: float, step: float, **inputs: Signal) -> Marks:
+def run(p: ParameterSet, stop: float, step: float, **inputs: InputSignal) -> Marks:
     """Return the mark of each output under inputs, up to `stop` [s] in communication steps of `step` [s]."""
     return _marks(simulate(p.values, stop // step * step, step, "python", p.model, **inputs))
 
@@ -176,6 +176,6 @@ def several(p: ParameterSet) -> Marks:
     sets = [p.with_values({"mounting.azimuth": azimuth, "loads.gravity": True}) for azimuth in (0.3, 2.2, -1.8)]
     line = {} if p.actuator.supply is None else {v.name: LINE[v.name] for v in p.actuator.supply.line.parameters
                                                  if v.name in LINE}
-    mixing: dict[str, Signal] = {f"{axis}_command": _from(0.04, amount)
-                                 for axis, amount in (("roll", 0.02), ("pitch", -0.03), ("yaw", 0.05))}
+    mixing: dict[str, InputSignal] = {f"{axis}_command": _from(0.04, amount)
+                                      for axis, amount in (("roll", 0.02), ("pitch", -0.03), ("yaw", 0.05))}
     return _marks(simulate_fins([each.values for each in sets], 0.14, 0.7e-3, p.model, line, **history(p), **mixing))

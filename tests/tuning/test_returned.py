@@ -20,7 +20,7 @@ from emcas_fmu.pages import numbers
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.tuning import optimise
 from emcas_fmu.studies.tuning.evaluate import Evaluation, Journal, Judgement, evaluate, share
-from emcas_fmu.studies.tuning.optimise import Result, rounded, tune
+from emcas_fmu.studies.tuning.optimise import Tuning, rounded, tune
 from emcas_fmu.studies.tuning.output import objectives, rows, summary, verdict, write_json, write_report, write_tuned
 from emcas_fmu.studies.tuning.pictures import trade
 from emcas_fmu.studies.tuning.study import Study, load_study
@@ -71,7 +71,7 @@ def third_digit(gains: Mapping[str, float], study: Study) -> list[dict[str, floa
             for value in (gains[t.name] - units[t.name], gains[t.name] + units[t.name]) if t.lower <= value <= t.upper]
 
 
-def evaluation_of_file(result: Result, folder: Path) -> Evaluation:
+def evaluation_of_file(result: Tuning, folder: Path) -> Evaluation:
     """Write the tuned gains, read the file, and return its evaluation."""
     write_tuned(result, folder / "tuned.toml", "emcas tune")
     values = load_parameters(folder / "tuned.toml", model=result.study.base.model).values
@@ -201,14 +201,14 @@ def test_rounded_gains_lie_between_their_bounds(tmp_path: Path) -> None:
 # -- page and messages -----------------------------------------------------------------------
 
 
-def shown(study: Study, measured: float, folder: Path) -> tuple[Result, str, dict[str, Any]]:
+def shown(study: Study, measured: float, folder: Path) -> tuple[Tuning, str, dict[str, Any]]:
     """Return a result whose first requirement has the measured value [SI], its page and its JSON."""
     requirement = study.requirements[0]
     gains = {t.name: 51.23456 for t in study.tunables}
     judgement = Judgement(requirement.name, "nominal", measured, share(requirement, measured))
     others = tuple(Judgement(r.name, "nominal", 0.5 * r.limit, 0.5) for r in study.requirements[1:])
     best = Evaluation(gains, (judgement, *others))
-    result = Result(study, 1, best, best, nan, (best,), (best.objective,), False)
+    result = Tuning(study, 1, best, best, nan, (best,), (best.objective,), False)
     write_report(result, folder / "t.html")
     write_json(result, folder / "t.json", "emcas tune")
     return (result, (folder / "t.html").read_text(encoding="utf-8"),

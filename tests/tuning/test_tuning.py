@@ -39,8 +39,7 @@ from emcas_fmu.reference.cases import CASES
 from emcas_fmu.runtime.compiled import Tables
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.tuning.evaluate import HOPELESS, Evaluation, Journal, Judgement, evaluate, share
-from emcas_fmu.studies.tuning.optimise import Result as Tuned
-from emcas_fmu.studies.tuning.optimise import _evaluated, _processes, tune
+from emcas_fmu.studies.tuning.optimise import Tuning, _evaluated, _processes, tune
 from emcas_fmu.studies.tuning.output import at_bounds, verdict, write_json, write_report, write_tuned
 from emcas_fmu.studies.tuning.pictures import conflict, front, shares
 from emcas_fmu.studies.tuning.study import Study, StudyError, load_study
@@ -418,7 +417,7 @@ def test_figure_that_is_never_reached_is_shown_as_not_reached(tmp_path: Path) ->
     for text in (result.output, page):
         assert "not reached" in text
         assert "inf ms" not in text
-    assert "with a margin of -900.0 % or less" in result.stderr
+    assert "with a margin of −900 % or less" in result.stderr
     (row, _) = json.loads((tmp_path / "t.json").read_text(encoding="utf-8"))["requirements"]
     assert (row["figure"], row["measured"]) == ("time_to_accuracy", None)
 
@@ -531,8 +530,8 @@ def test_gains_at_a_bound_are_marked(study: Study, tmp_path: Path) -> None:
     assert [t.bound(t.upper) for t in study.tunables] == ["upper"] * len(study.tunables)
     (before,) = evaluate(study, [{first.name: first.lower, **{t.name: (t.lower * t.upper) ** 0.5 for t in others}}])
     other = replace(before, gains={**before.gains, first.name: first.upper})
-    assert Tuned(study, 1, before, before, nan, (before,), (before.objective,), False).at_bound == {}
-    result = Tuned(study, 1, before, other, nan, (before,), (before.objective,), False)
+    assert Tuning(study, 1, before, before, nan, (before,), (before.objective,), False).at_bound == {}
+    result = Tuning(study, 1, before, other, nan, (before,), (before.objective,), False)
     assert result.at_bound == {first.name: "lower"}
     assert f"(within 1 % of its logarithmic range): {first.name} = {first.lower:g}" in at_bounds(result)
     write_report(result, tmp_path / "t.html")

@@ -9,7 +9,6 @@ import pytest
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.report.accuracy import tolerances
 from emcas_fmu.studies.report.outcome import Rig
 from emcas_fmu.studies.starter import TUNING, starter_files
 from emcas_fmu.studies.tuning.study import shipped_cases, shipped_study
@@ -22,7 +21,7 @@ def _absent(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_cases_and_starter_files_are_available() -> None:
     base = load_parameters()
-    cases, file = tolerances(Rig(ParameterSubject(base)))
+    cases, file = Rig(ParameterSubject(base)).tolerances
     assert file == "models/tuning.toml"
     assert {case.name for case in cases} < {case.name for case in shipped_cases(base)}
     assert TUNING in starter_files(base)

@@ -158,8 +158,8 @@ def test_response_is_read_written_and_plotted(tmp_path: Path) -> None:
 
 def test_figures_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """The caller may change a returned dictionary without effect on later results."""
-    usage = Mock(side_effect=metrics.usage)
-    monkeypatch.setattr(metrics, "usage", usage)
+    usage = Mock(side_effect=metrics.usage_figures)
+    monkeypatch.setattr(metrics, "usage_figures", usage)
     response = simulate(fin_sets(BASE, 2), stop=0.01)
     shown = response.as_dict(), response.lines()
     figures = response.metrics(1)

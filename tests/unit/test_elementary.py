@@ -90,7 +90,7 @@ def test_error_is_within_its_bound(name: str, limits: Range, bound: float) -> No
     assert max(_error(name, float(x)) for x in _points(limits)) <= bound
 
 
-@pytest.mark.parametrize("name", elementary.NAMES)
+@pytest.mark.parametrize("name", elementary.FUNCTIONS)
 @given(data=st.data())
 def test_error_at_any_argument_is_within_its_bound(name: str, data: st.DataObject) -> None:
     for (low, high), bound in BOUNDS[name].items():
@@ -115,7 +115,7 @@ def test_values_at_the_ends_of_ranges() -> None:
     assert [FLOATS.sin(0.0), FLOATS.cos(0.0), FLOATS.tan(0.0), FLOATS.atan(0.0)] == [0.0, 1.0, 0.0, 0.0]
 
 
-@pytest.mark.parametrize(("name", "x"), [*((name, nan) for name in elementary.NAMES), ("log", -1.0), ("log", -inf)])
+@pytest.mark.parametrize(("name", "x"), [*((name, nan) for name in elementary.FUNCTIONS), ("log", -1.0), ("log", -inf)])
 def test_undefined_arguments_give_nan(name: str, x: float) -> None:
     assert math.isnan(getattr(FLOATS, name)(x))
 
@@ -150,7 +150,7 @@ ORDINARY: Mapping[str, Any] = {
     name: np.concatenate([*map(_points, ranges), [0.0, 1.0, -1.0]]) for name, ranges in BOUNDS.items()}
 
 
-@pytest.mark.parametrize("name", elementary.NAMES)
+@pytest.mark.parametrize("name", elementary.FUNCTIONS)
 def test_values_that_are_not_chosen_raise_no_exception(name: str) -> None:
     with np.errstate(divide="raise", invalid="raise", over="raise"):
         lanes = getattr(elementary, name)(_Lanes(), ORDINARY[name])
@@ -174,7 +174,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> ct.CDLL:
         pytest.skip("no C compiler")
     functions = "".join(
         f'__attribute__((visibility("default"))) double own_{name}(double x) {{ return elementary_{name}(x); }}\n'
-        for name in elementary.NAMES)
+        for name in elementary.FUNCTIONS)
     main = ('#include <fenv.h>\n#include "elementary.h"\n' + functions
             + '__attribute__((visibility("default"))) int raised(void)\n{\n'
               "    const int flags = fetestexcept(FE_INVALID | FE_DIVBYZERO | FE_OVERFLOW);\n"
@@ -185,7 +185,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> ct.CDLL:
     return ct.CDLL(str(path))
 
 
-@pytest.mark.parametrize("name", elementary.NAMES)
+@pytest.mark.parametrize("name", elementary.FUNCTIONS)
 def test_c_and_python_agree_to_the_bit(name: str, library: ct.CDLL) -> None:
     function, python = getattr(library, f"own_{name}"), _printed(name)
     function.restype, function.argtypes = ct.c_double, [ct.c_double]

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from emcas_fmu.bench.verdict import Judged, summary_table
 from emcas_fmu.cli import app
 from emcas_fmu.commands import common
-from emcas_fmu.commands.group import PANELS, summary
+from emcas_fmu.commands.group import PANELS, sentence
 from emcas_fmu.errors import in_words, unreadable
 from emcas_fmu.pages.numbers import number, rounded
 from emcas_fmu.runtime import library
@@ -50,8 +50,8 @@ def test_every_command_is_listed_in_a_panel_by_its_summary() -> None:
     for panel, names in PANELS.items():
         assert f" {panel} " in shown
         for name in names:
-            assert len(summary(name)) > 10
-            assert summary(name) in shown
+            assert len(sentence(name)) > 10
+            assert sentence(name) in shown
 
 
 def test_table_shows_units_and_numbers() -> None:

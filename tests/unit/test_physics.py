@@ -17,7 +17,7 @@ from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import clutched_screw, drive, friction, kinematics, loads, mechanics, stick
-from emcas_fmu.steppers.electrical import Plant, electrical_mode
+from emcas_fmu.steppers.electrical import Motor, electrical_mode
 from emcas_fmu.steppers.rigid import friction_speed
 from tests.default_actuator import namespace
 
@@ -206,7 +206,7 @@ def test_voltage_demand_stays_at_its_limit_while_it_grows(values: Mapping[str, A
     rise = (supply - 0.25 * current - 0.11 * speed) / 6e-4  # 11 kA/s
     case["drive.ki"] = share * 5.0 * rise / (i_ref - current)
     p = namespace(case)
-    plant = Plant(0.0, side * speed, side * current, side * (supply - 5.0 * (i_ref - current)))
+    plant = Motor(0.0, side * speed, side * current, side * (supply - 5.0 * (i_ref - current)))
     reference = (side * i_ref - p.drive.current_offset) / p.drive.current_gain
     mode = electrical_mode(FLOATS, p, plant, acting(reference, supply=supply), 1e-4)
     assert mode.at_limit == 1.0
@@ -305,7 +305,7 @@ def test_load_margin_of_a_clutched_screw_has_the_sign_of_its_mode(felt: float) -
         train = clutched_screw.Train(rotor=1e-4, screw=2e-4, behind_inertia=0.0, rotor_torque=1.0, screw_torque=0.0,
                                      dry=0.1, capacity=2.0, sliding=(0.2, 0.2), load=(load, load), behind=0.0, high=1.0,
                                      low=-1.0, forward=1.0, backward=-0.5)
-        motion = clutched_screw.Motion(screw=1.0, rotor=1.0, clutch=1.0, felt=felt)
+        motion = clutched_screw.Directions(screw=1.0, rotor=1.0, clutch=1.0, felt=felt)
         margins = clutched_screw.margins(FLOATS, train, motion, 5.0, 9.0)
         assert margins["load"] == (load if felt == train.forward else -load)
 

@@ -158,7 +158,7 @@ def test_figures_are_those_of_the_bench(model: str) -> None:
     ours = response(model, [changes]).metrics()
     subject = ParameterSubject(load_parameters(model=model).with_values(changes))
     run = subject.run(step_to(radians(5.0), 0.15))
-    for key, value in metrics.displayed(metrics.motion(run)).items():
+    for key, value in metrics.displayed(metrics.motion_figures(run)).items():
         assert ours[key] == pytest.approx(value, rel=1e-12, nan_ok=True)
     assert ("peak_current_a" in ours) is ("motor_current" in subject.outputs)
     assert ("energy_drawn_j" in ours) is ("supply_power" in subject.outputs)

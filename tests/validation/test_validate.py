@@ -33,8 +33,7 @@ from emcas_fmu.reference.cases import CASES
 from emcas_fmu.reference.stored import load
 from emcas_fmu.runtime import compiler
 from emcas_fmu.runtime.compiler import local_platform
-from emcas_fmu.studies.validate.validation import RECORDED, CaseResult, validate
-from emcas_fmu.studies.validate.validation import Result as Validation
+from emcas_fmu.studies.validate.validation import RECORDED, CaseResult, Validation, validate
 from emcas_fmu.studies.validate.validation_output import as_dict, summary, write_junit, write_report
 from emcas_fmu.support.files import models_directory
 from tests.marks import others_slow
@@ -47,7 +46,7 @@ pytestmark = pytest.mark.acceptance
 REFERENCE = models_directory() / "reference"
 
 
-KINDS = {"json": "json", "junit": "xml", "report": "html"}  # of output files
+ENDINGS = {"json": "json", "junit": "xml", "report": "html"}  # of output files
 
 
 def emcas(*arguments: object) -> Result:
@@ -142,7 +141,7 @@ def test_report_is_reproducible_and_fetches_nothing(whole: Validation, tmp_path:
 
 
 def test_command_writes_all_files(fmu: Path, tmp_path: Path) -> None:
-    files = {name: tmp_path / f"out.{kind}" for name, kind in KINDS.items()}
+    files = {name: tmp_path / f"out.{ending}" for name, ending in ENDINGS.items()}
     options = [part for name, path in files.items() for part in (f"--{name}", path)]
     done = emcas(fmu, "--case", "step_plus1", *options)
     assert done.exit_code == 0, done.output
@@ -466,7 +465,7 @@ def test_damaged_archive_is_refused(fmu: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("model", others_slow(
     (name for name in (*NAMES, "nonlinear+lugre+heat") if name != NONLINEAR), lambda name: name == "second-order"))
 def test_actuators_without_a_reference_are_judged_by_requirements(model: str, tmp_path: Path) -> None:
-    files = {name: tmp_path / f"out.{kind}" for name, kind in KINDS.items()}
+    files = {name: tmp_path / f"out.{ending}" for name, ending in ENDINGS.items()}
     done = emcas("--model", model, *(part for name, path in files.items() for part in (f"--{name}", path)))
     assert done.exit_code in (0, 1), done.output
     document = json.loads(files["json"].read_text(encoding="utf-8"))
@@ -496,7 +495,7 @@ def test_actuators_without_a_reference_are_judged_by_requirements(model: str, tm
     (DIRECT_DRIVE, ["cold"], 1, False, "nothing was judged")])
 def test_terminal_and_page_count_the_judged_criteria(model: str, cases: list[str], code: int,
                                                      passed: bool | None, message: str, tmp_path: Path) -> None:
-    files = {name: tmp_path / f"out.{KINDS[name]}" for name in ("json", "report")}
+    files = {name: tmp_path / f"out.{ENDINGS[name]}" for name in ("json", "report")}
     done = emcas("--model", model, *(part for case in cases for part in ("--case", case)),
                  *(part for name, path in files.items() for part in (f"--{name}", path)))
     assert done.exit_code == code, done.output

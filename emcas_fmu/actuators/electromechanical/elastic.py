@@ -19,7 +19,7 @@ from ...rules import rule, when
 from ...steppers import elastic as elastic_stepper
 from ...steppers import rigid
 from ...steppers.elastic import Pair
-from ...steppers.electrical import Plant, states
+from ...steppers.electrical import Motor, states
 from ...variables import Variable, in_group, parameter
 from .. import capabilities
 from ..as_built import BACKLASH, COMPLIANCE
@@ -29,7 +29,7 @@ from . import groups, interface, nonlinear, plausibility
 from .nonlinear import as_built
 
 FIN_SIDE = ("fin_side_angle", "fin_side_speed")
-STATES = (*interface.MOTION, *interface.DRIVE,
+STATES = (*interface.MOTOR_STATES, *interface.DRIVE,
           State(FIN_SIDE[0], "rad", "of the fin, referred to the motor"),
           State(FIN_SIDE[1], "rad/s", "of the fin, referred to the motor"))
 _MOST_COMPLIANT = 1e100  # rad/(N.m), far beyond any real part; results computed from it stay finite
@@ -123,7 +123,7 @@ def yielding(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Val
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
     def as_one() -> tuple[Value, ...]:
-        plant, used = rigid.advance(ops, as_built(ops, p), states(Plant, x), u, h)
+        plant, used = rigid.advance(ops, as_built(ops, p), states(Motor, x), u, h)
         return *plant, plant.motor_angle, plant.motor_speed, used
 
     def as_two() -> tuple[Value, ...]:
@@ -166,5 +166,5 @@ ACTUATOR = replace(
     derivatives=derivatives,
     step=step,
     reference=None,
-    modules=(sys.modules[__name__], drive_line, elastic_stepper, *nonlinear.EQUATIONS),
+    modules=(sys.modules[__name__], drive_line, elastic_stepper, *nonlinear.MODULES),
 )

@@ -16,7 +16,7 @@ from ...variables import real_input, real_output
 from ..composition import Composition, Group
 from ..declaration import PlantInputs, State, Supply
 
-MOTION = (State("motor_angle", "rad"), State("motor_speed", "rad/s"))
+MOTOR_STATES = (State("motor_angle", "rad"), State("motor_speed", "rad/s"))
 DRIVE = (State("motor_current", "A"), State("drive_integral", "V", "integral of the current controller, xi"))
 CONTROLLER = (State("integral", "rad/s", "integral of the position controller"),
               State("velocity_integral", "V", "integral of the velocity controller"),

@@ -50,5 +50,5 @@ ACTUATOR = COMPOSITION.over(
     structure=Structure(constant_ratio=True),
     equation_parameters=_linear,
     step=step,
-    modules=(sys.modules[__name__], *nonlinear.EQUATIONS),
+    modules=(sys.modules[__name__], *nonlinear.MODULES),
 )

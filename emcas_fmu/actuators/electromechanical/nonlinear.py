@@ -9,14 +9,14 @@ from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
 from ...physics import drive, friction, kinematics, loads, mechanics
 from ...steppers import rigid
-from ...steppers.electrical import Plant, states
+from ...steppers.electrical import Motor, states
 from .. import fin_port
 from ..declaration import Actuator, PlantInputs, SampleInputs, Values
 from . import groups, interface, plausibility
 
 # Largest phase [rad] of the drive's integral action in a tick; a step uses the integral at mid-tick.
 _INTEGRAL_PHASE = 0.07
-EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, controllers, rigid)
+MODULES = (kinematics, mechanics, friction, loads, drive, sensors, controllers, rigid)
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
@@ -65,7 +65,7 @@ def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
 
 def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
     """Return the plant's states after `h` [s] or at the first event, and the time [s] until then."""
-    plant, used = rigid.advance(ops, as_built(ops, p), states(Plant, x), u, h)
+    plant, used = rigid.advance(ops, as_built(ops, p), states(Motor, x), u, h)
     return plant._asdict(), used
 
 
@@ -122,7 +122,7 @@ ACTUATOR = Actuator(
     origin="The model is that of Ü. Yerlikaya, Dynamic modeling and control of an electromechanical control actuation "
            "system, M.S. thesis, METU, 2016; numbers in brackets are its equations. Where the thesis gives no number, "
            "the default is an engineering estimate, marked as such; it is not a measurement of the thesis's prototype.",
-    states=interface.MOTION + interface.DRIVE,
+    states=interface.MOTOR_STATES + interface.DRIVE,
     controller_states=interface.CONTROLLER,
     encoder=("motor_angle", "motor_speed"),
     controllers_read=("motor_speed", "motor_current"),
@@ -140,5 +140,5 @@ ACTUATOR = Actuator(
     transport_delay=fin_port.transport_delay,
     feed_forward=controllers.feed_forward,
     reference="emcas_fmu.reference.plant",
-    modules=EQUATIONS,
+    modules=MODULES,
 )

@@ -83,5 +83,5 @@ ACTUATOR = COMPOSITION.over(
     step=step,
     longest_tick=fin_port.max_tick,
     tick_remedy="raise solver.max_tick",
-    modules=(sys.modules[__name__], *nonlinear.EQUATIONS),
+    modules=(sys.modules[__name__], *nonlinear.MODULES),
 )

@@ -141,7 +141,7 @@ def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
         ops, p, x, u, h, lambda: clutched_screw.accelerations(ops, t, motion)[1]))
 
 
-def _slip_power(t: Train, motion: clutched_screw.Motion, x: Record) -> Value:
+def _slip_power(t: Train, motion: clutched_screw.Directions, x: Record) -> Value:
     return motion.clutch * t.capacity * (x.motor_speed - x.screw_speed)
 
 

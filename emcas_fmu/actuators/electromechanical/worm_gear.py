@@ -123,5 +123,5 @@ ACTUATOR = COMPOSITION.over(
     equation_parameters=geared,
     longest_tick=longest_tick,
     reference="emcas_fmu.reference.worm_gear",
-    modules=(sys.modules[__name__], worm, screw, screw_loss, *nonlinear.EQUATIONS[1:]),
+    modules=(sys.modules[__name__], worm, screw, screw_loss, *nonlinear.MODULES[1:]),
 )

@@ -19,8 +19,7 @@ from typing import Any
 
 from ...namespace import with_values
 from ...ops.base import Ops, Value
-from ...physics import drive_line
-from ...physics import worm as worm_and_wheel
+from ...physics import drive_line, worm
 from ...physics.structure import Structure
 from ...steppers import elastic as elastic_stepper
 from .. import capabilities
@@ -48,7 +47,7 @@ def geared(ops: Ops, p: Any) -> Any:
     """
     lead = 0.5 * p.worm.module * p.worm.starts
     return with_values(COMPOSITION.completed(worm_gear.geared(ops, p), (elastic.TORSIONAL,)), {
-        "screw.lead": lead, "kinematics.moment_arm": lead * worm_and_wheel.ratio(p)})
+        "screw.lead": lead, "kinematics.moment_arm": lead * worm.ratio(p)})
 
 
 def longest_tick(ops: Ops, p: Any) -> Value:

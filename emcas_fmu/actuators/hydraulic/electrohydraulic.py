@@ -76,7 +76,6 @@ FAULTS = (
                        "cylinder.internal_leakage"),
     PlantFault.scaling("air", "air in the oil makes it softer", interface.AIR, "oil.bulk_modulus"),
 )
-_AT = 1.0 - 1e-12  # share of the spool's largest speed from which it is at the limit, despite rounding
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
@@ -112,7 +111,7 @@ def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
     linkage, motion = fin.mode(ops, p, x, u, h)
     command = ops.clip(ops.where(u.enabled, u.reference, 0.0) + p.valve.null_shift, -1.0, 1.0)
     faster = servovalve.spool_acceleration(p, x.spool_position, x.spool_speed, command) * x.spool_speed > 0.0
-    at_speed = ops.both(ops.fabs(x.spool_speed) >= servovalve.fastest(p) * _AT, faster)
+    at_speed = ops.both(ops.fabs(x.spool_speed) >= servovalve.fastest(p) * fin_port.AT_LIMIT, faster)
     m = Record(linkage=linkage, fin=motion, command=command, at_speed=at_speed,
                refill_1=x.pressure_1 < p.tank.pressure, refill_2=x.pressure_2 < p.tank.pressure,
                void_1=False, void_2=False)
@@ -174,7 +173,7 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     """Return the parameters as built, and the values from which the outputs follow."""
     p = as_built(ops, p)
     _, _, supply_flow = servovalve.flows(ops, p, x.spool_position, u.supply, x.pressure_1, x.pressure_2)
-    at_speed = ops.fabs(x.spool_speed) >= servovalve.fastest(p) * _AT
+    at_speed = ops.fabs(x.spool_speed) >= servovalve.fastest(p) * fin_port.AT_LIMIT
     limited = ops.either(at_speed, ops.either(ops.fabs(x.spool_position) >= 1.0, u.limited > 0.0))
     return p, fin_port.at_fin(ops, p, x, u, limited, supply_flow=supply_flow)
 

@@ -24,7 +24,7 @@ import control as ct
 import numpy as np
 
 from ...actuators import NONLINEAR, capabilities, get, get_extension, parts, require
-from ...control import command as bus
+from ...control import command_bus
 from ...errors import EmcasError
 from ...namespace import with_values
 from ...ops.floats import FLOATS
@@ -112,7 +112,7 @@ class LinearActuator:
             raise EmcasError(f"operating point {degrees(fin_angle):g} deg: no command reaches it; use an angle within "
                              f"±{degrees(limit):g} deg (command.limit)")
         p = actuator.namespace(values)
-        self._latency = int(bus.latency(FLOATS, p))
+        self._latency = int(command_bus.latency(FLOATS, p))
         self.values, self.p = {**values, **LEFT_OUT}, with_values(p, LEFT_OUT)
         self.period = float(p.controller.sample_time)
         self.loops = tuple(name for name, needs in LOOPS.items() if actuator.provides.issuperset(needs))

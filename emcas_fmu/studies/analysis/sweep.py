@@ -22,8 +22,7 @@ from ...actuators import NONLINEAR, capabilities, get
 from ...bench.frequency_response import FrequencyResponse, of_ratio
 from ...bench.linear.systems import Array
 from ...bench.metrics import CREPT
-from ...control import command as bus
-from ...control import controllers, sensors
+from ...control import command_bus, controllers, sensors
 from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...physics import drive, inverter
@@ -162,12 +161,12 @@ def replay(values: Mapping[str, Any], start: Array, command: Array, motion: Mapp
     turned = sensors.motor_counts(ARRAYS, p, angle[0])
     loops = controllers.at_rest(
         ARRAYS, p, sensors.measure(ARRAYS, p, plant, angle[0], angle[0], 0.0, turned), start)
-    latency = int(bus.latency(FLOATS, p))
+    latency = int(command_bus.latency(FLOATS, p))
     delayed = np.concatenate([np.zeros((latency, *command.shape[1:])), command])
-    wait, previous = bus.start(ARRAYS, p, start).values()
+    wait, previous = command_bus.start(ARRAYS, p, start).values()
     reference, raw = np.empty_like(command), np.empty_like(command)
     for k in range(len(command)):
-        arrived, wait, previous = bus.delivered(ARRAYS, p, delayed[k], wait, previous)
+        arrived, wait, previous = command_bus.delivered(ARRAYS, p, delayed[k], wait, previous)
         measured = sensors.measure(ARRAYS, p, plant, angle[k], angle[k], speed[k], turned)
         out = controllers.sample(ARRAYS, p, loops, measured, current[k], arrived)
         loops, turned = out.loops, measured.motor_counts

@@ -7,14 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from ...actuators.shared import completed
+from ...actuators.shared import WITHOUT_EFFECT
 from ...bench.linear.systems import System, delay_line, moving, wire
 from ...reference.linear import LinearModel
 
 
 def linear_model(values: Mapping[str, Any]) -> LinearModel:
     """Return the model of an actuator with motor, screw and lever. Missing parameters have values without effect."""
-    return LinearModel(completed(values))
+    scalars = {name: each for name, each in WITHOUT_EFFECT.items() if not isinstance(each, tuple)}
+    elements = {f"{name}[{i}]": element for name, each in WITHOUT_EFFECT.items() if isinstance(each, tuple)
+                for i, element in enumerate(each)}
+    return LinearModel({**scalars, **elements, **values})
 
 
 def closed(values: Mapping[str, Any]) -> System:

@@ -13,11 +13,11 @@ import numpy as np
 
 from ... import __version__
 from ...bench.requirements import load_requirements
-from ...bench.subject import Identification, Subject, left_out
+from ...bench.subject import Identity, Subject, left_out
 from ...errors import EmcasError
 from ...support.progress import Progress, silent
 from .files import parsed, read_plan
-from .model import ALL, Baseline, Motion, output_units, rounded, start_entries, unit_of
+from .model import ALL, Baseline, BaselineMotion, file_unit, output_units, rounded, start_entries
 
 TEMPLATE = Path(__file__).parent / "default.toml"
 """File with the limits and cases of a new baseline."""
@@ -46,7 +46,7 @@ def first(subject: Subject) -> tuple[Baseline, list[str]]:
             omitted.append(f"case {name}: {why}")
             del written["case"][name]
             continue
-        if isinstance(case, Motion) and abs(case.amplitude) > radians(most) * (1.0 + 1e-9):
+        if isinstance(case, BaselineMotion) and abs(case.amplitude) > radians(most) * (1.0 + 1e-9):
             written["case"][name]["amplitude"] = f"{copysign(most, case.amplitude):.12g} deg"
         if torque := getattr(case, "torque", 0.0):
             written["case"][name]["torque"] = f"{copysign(rated, torque):g} N.m"
@@ -143,7 +143,7 @@ class Comparison:
 
     baseline: Baseline
     now: Baseline
-    about: Identification
+    about: Identity
     titles: Mapping[str, str]
     stopped: Mapping[str, str]
     rows: tuple[Row, ...]
@@ -188,7 +188,7 @@ def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progre
             if key not in case.figures:
                 why = subject.lacking(ALL[key].needs) or f"a {case.kind} has no such figure"
                 raise EmcasError(f"{folder}: case.{name}.figures.{key}: {why}; remove the line")
-            rows.append(Row(name, key, unit_of(key), value, case.figures[key],
+            rows.append(Row(name, key, file_unit(key), value, case.figures[key],
                             limits[key].of(value) if key in limits else None))
         if more := [key for key in case.figures if key not in approved]:
             notes.append(f"case {name}: the baseline has no {', '.join(more)}; record it again to compare them")

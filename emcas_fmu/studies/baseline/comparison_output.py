@@ -21,8 +21,8 @@ from ...pages.numbers import with_unit
 from ...pages.page import write_page
 from ...pages.terminal import table
 from ...support.writing import append
+from . import files
 from .comparison import Comparison, Row
-from .files import SCHEMA as BASELINE
 from .model import output_units
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def as_dict(comparison: Comparison) -> dict[str, Any]:
     """Return the comparison for JSON, without trajectories."""
     rows = [{**asdict(row), "change": row.change, "share_of_limit": row.share, "passed": row.passed}
             for row in comparison.rows]
-    return {"schema": SCHEMA, "baseline_schema": BASELINE, "tool": f"emcas {__version__}",
+    return {"schema": SCHEMA, "baseline_schema": files.SCHEMA, "tool": f"emcas {__version__}",
             "passed": comparison.passed, "article": asdict(comparison.about), "fin": comparison.about.fin,
             "recorded": dict(comparison.baseline.recorded), "comparisons": rows, "stopped": comparison.stopped,
             "changed_parameters": comparison.parameters, "changed_marks": comparison.marks, "notes": comparison.notes}

@@ -18,8 +18,9 @@ from ...bench.subject import ANGLE_KNOWN
 from ...errors import EmcasError
 from ...parameters import load_parameters, schema, toml
 from ...reference.files import csv_text
+from ...simulation import Array
 from ...support.writing import write_folder
-from .model import DIGITS, FILE, NEVER, Array, Baseline, Limits, Tables, output_units, start_entries, unit_of
+from .model import DIGITS, FILE, NEVER, Baseline, BaselineTables, Limits, file_unit, output_units, start_entries
 
 SCHEMA = "emcas-baseline/1"
 """Name and version of the files' layout; the number changes when an entry is removed or changes its meaning."""
@@ -75,7 +76,7 @@ def _tables(file: Path, model: str) -> dict[str, Any]:
 
 def parsed(written: Mapping[str, Any], file: Path, model: str) -> Baseline:
     """Return the baseline that the tables of a file describe, without trajectories. Raises EmcasError."""
-    tables = schema.read(Tables, written, file, EmcasError, model)
+    tables = schema.read(BaselineTables, written, file, EmcasError, model)
     return Baseline.model_construct(**dict(tables), model=model, written=written, traces={})
 
 
@@ -122,9 +123,9 @@ def _sections(baseline: Baseline) -> Iterator[str]:
     def line(key: str) -> str:
         now, default = (values[key] if isinstance(values[key], bool) or variables[key].unit == "1" else
                         f"{values[key]!r} {variables[key].unit}" for values in (present, shipped))
-        remarks = [f"default: {toml.value(default)}"] if shipped[key] != present[key] else []
+        remarks = [f"default: {toml.literal(default)}"] if shipped[key] != present[key] else []
         if key in ANGLE_KNOWN:
-            remarks.append(f"{toml.value(ANGLE_KNOWN[key])} in cases without the input home")
+            remarks.append(f"{toml.literal(ANGLE_KNOWN[key])} in cases without the input home")
         return toml.entry(key, now) + (f"  # {'; '.join(remarks)}" if remarks else "")
 
     model = "" if name == NONLINEAR else f"\n{toml.entry('model', name)}"
@@ -144,5 +145,5 @@ def _sections(baseline: Baseline) -> Iterator[str]:
         if case_limits:
             yield toml.table(f"case.{key}.limits", case_limits)
         yield toml.table(f"case.{key}.figures", {
-            figure: f"{value:.{DIGITS}g} {unit_of(figure)}" if isfinite(value) else NEVER
+            figure: f"{value:.{DIGITS}g} {file_unit(figure)}" if isfinite(value) else NEVER
             for figure, value in case.figures.items()})

@@ -10,8 +10,6 @@ from math import isfinite, nan
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import AliasChoices, Field, PlainValidator, ValidationInfo, field_validator, model_validator
 
 from ...actuators import get
@@ -26,20 +24,20 @@ from ...errors import EmcasError, hint
 from ...motions import FIELDS, MOTIONS, STEP
 from ...parameters.schema import In, Table, each, kind_of
 from ...reference.files import supply_start
+from ...simulation import Array
 from ...variables import Variable
 
 FILE = "baseline.toml"
 DIGITS = 6  # significant digits in files: rounding changes a value by at most 0.0005 %, far less than a limit of 1 %
 NEVER = "never"
 """The value, in files, of a figure whose level is never reached."""
-LONGEST = 60.0  # s, longest duration in a case: the time that fmpy needs grows with the square of the length
+LONGEST_CASE = 60.0  # s, longest duration in a case: the time that fmpy needs grows with the square of the length
 
-Array = NDArray[np.floating[Any]]
 ALL = figures_of("jump", "sweep", "usage")
 """Figures of the bench that a baseline may have; the kind of a case determines its figures."""
 
 
-def unit_of(figure: str) -> str:
+def file_unit(figure: str) -> str:
     """Return the unit of a figure in files."""
     return shown(ALL[figure].unit)[0]
 
@@ -59,7 +57,7 @@ def rounded(value: float) -> float:
     return float(f"{value + 0.0:.{DIGITS}g}") if isfinite(value) else nan
 
 
-class Limit(Table):
+class DriftLimit(Table):
     """Largest permitted change of a figure: `absolute` in its unit or `relative` in %, whichever is larger."""
 
     absolute: Annotated[Any, PlainValidator(lambda written, info: info.context.limited(written))]
@@ -89,17 +87,17 @@ def _figure(unit: str, written: Any) -> float:
     return nan if written == NEVER else float(In(unit).number(written))
 
 
-FigureLimits = Annotated[Mapping[str, Limit], _entries(
-    lambda _: {name: partial(Limit.model_validate, context=In(unit_of(name), 0.0)) for name in ALL})]
+FigureLimits = Annotated[Mapping[str, DriftLimit], _entries(
+    lambda _: {name: partial(DriftLimit.model_validate, context=In(file_unit(name), 0.0)) for name in ALL})]
 TrajectoryLimits = Annotated[Mapping[str, float], _entries(
     lambda model: {"sample_time": replace(FIELDS["duration"], minimum=STEP).limited,
                    **{name: In(unit, 0.0).limited for name, (unit, _) in output_units(model).items()}})]
 Figures = Annotated[Mapping[str, float], _entries(
-    lambda _: {name: partial(_figure, unit_of(name)) for name in ALL})]
+    lambda _: {name: partial(_figure, file_unit(name)) for name in ALL})]
 StartValues = Annotated[Mapping[str, Any], _entries(
     lambda model: {name: In.of(v).limited for name, v in start_entries(model).items()})]
 # The limits of recorded parameters are not checked.
-Parameters = Annotated[Mapping[str, Any], _entries(
+BaselineParameters = Annotated[Mapping[str, Any], _entries(
     lambda model: {name: In.of(v).number for name, v in start_entries(model).items()})]
 
 
@@ -126,7 +124,7 @@ class Limits(Table):
         return {name: limit for name, limit in self.trajectories.items() if name != "sample_time"}
 
 
-class Case(Table):
+class BaselineCase(Table):
     """One excitation, with its approved figures [unit_of] and limits that override the common limits.
 
     `start` has the values of the parameters that the case changes.
@@ -157,7 +155,7 @@ class Case(Table):
 
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:
         """Return the figures [unit_of] of a finished run for which the actuator has the required outputs."""
-        return _in_file(metrics.usage(run))
+        return _in_file(metrics.usage_figures(run))
 
 
 def _in_file(figures: Mapping[str, float]) -> dict[str, float]:
@@ -165,7 +163,7 @@ def _in_file(figures: Mapping[str, float]) -> dict[str, float]:
     return {name: rounded(figures[name] * shown(figure.unit)[1]) for name, figure in ALL.items() if name in figures}
 
 
-class Motion(Case):
+class BaselineMotion(BaselineCase):
     """A motion, also with the optional fields of its kind; older files call the `amplitude` [rad] `command`.
 
     The bandwidths of a sweep are measured with steady sines of its amplitude.
@@ -173,7 +171,7 @@ class Motion(Case):
 
     amplitude: Annotated[float, replace(FIELDS["amplitude"], nonzero=True),
                          Field(validation_alias=AliasChoices("amplitude", "command"))]
-    duration: Annotated[float, FIELDS["duration"].within(LONGEST)]
+    duration: Annotated[float, FIELDS["duration"].within(LONGEST_CASE)]
 
     def inputs(self, folder: Path, subject: Subject) -> Excitation:
         return motion(**self.model_dump(include={"kind", *MOTIONS[self.kind].fields}), first=None)
@@ -181,11 +179,11 @@ class Motion(Case):
     def measure(self, run: Run, subject: Subject) -> dict[str, float]:
         if self.sweeps:
             swept = sweep_figures(sweep_response(run), subject, abs(self.amplitude), self.start)
-            return _in_file({**metrics.usage(run), **swept})
-        return _in_file({**metrics.usage(run), **metrics.motion(run, -1)})
+            return _in_file({**metrics.usage_figures(run), **swept})
+        return _in_file({**metrics.usage_figures(run), **metrics.motion_figures(run, -1)})
 
 
-class Reference(Case):
+class BaselineReference(BaselineCase):
     """A reference case by name, with the encoder enabled."""
 
     case: str
@@ -201,7 +199,7 @@ class Reference(Case):
         return replace(reference_case(self.case, exact=False, supply=supply), title=f"reference case {self.case}")
 
 
-class Replay(Case):
+class BaselineFile(BaselineCase):
     """The inputs in a CSV file."""
 
     file: str
@@ -209,42 +207,42 @@ class Replay(Case):
     def inputs(self, folder: Path, subject: Subject) -> Excitation:
         path = folder / self.file  # an absolute path stays as it is
         inputs = csv_file(path, model=subject.model)
-        if inputs.stop > LONGEST:
-            raise EmcasError(f"{path}: lasts {inputs.stop:g} s; a baseline's case may last {LONGEST:g} s")
+        if inputs.stop > LONGEST_CASE:
+            raise EmcasError(f"{path}: lasts {inputs.stop:g} s; a baseline's case may last {LONGEST_CASE:g} s")
         return replace(inputs, title=f"inputs of {self.file}")
 
 
-KINDS: Mapping[str, type[Case]] = {
-    **{name: Motion.of_kind(name, {field: FIELDS[field].within(LONGEST).definition for field in kind.options})
+CASE_KINDS: Mapping[str, type[BaselineCase]] = {
+    **{name: BaselineMotion.of_kind(name, {each: FIELDS[each].within(LONGEST_CASE).definition for each in kind.options})
        for name, kind in MOTIONS.items() if kind.jumps or kind.sweeps},
-    "reference": Reference, "file": Replay}
+    "reference": BaselineReference, "file": BaselineFile}
 
 
-def _cases(written: Any, info: ValidationInfo) -> dict[str, Case]:
-    def read(name: str, entry: Any) -> Case:
+def _cases(written: Any, info: ValidationInfo) -> dict[str, BaselineCase]:
+    def read(name: str, entry: Any) -> BaselineCase:
         if not re.fullmatch(r"[\w-]+", name, re.ASCII):
             raise ValueError("the name of a case has letters a to z, digits, - and _, since a file is named after it")
-        return KINDS[kind_of(entry, KINDS)].model_validate(entry, context=info.context)
+        return CASE_KINDS[kind_of(entry, CASE_KINDS)].model_validate(entry, context=info.context)
 
     cases = each(written, read)
     if not cases:
         raise ValueError("there is no case; add [case.NAME], such as those of a new baseline")
     for name in cases:
-        if any(isinstance(c, Replay) and Path(c.file) == Path(f"{name}.csv") for c in cases.values()):
+        if any(isinstance(c, BaselineFile) and Path(c.file) == Path(f"{name}.csv") for c in cases.values()):
             raise ValueError(f"the trajectory of {name} would overwrite the inputs {name}.csv; rename the case")
     return cases
 
 
-class Tables(Table):
+class BaselineTables(Table):
     """The tables of a baseline's file; the validation context is the actuator's model."""
 
     limits: Limits
-    case: Annotated[Mapping[str, Case], PlainValidator(_cases)]
+    case: Annotated[Mapping[str, BaselineCase], PlainValidator(_cases)]
     recorded: dict[str, str] = Field(default_factory=dict)
-    parameters: Parameters = Field(default_factory=dict)
+    parameters: BaselineParameters = Field(default_factory=dict)
 
 
-class Baseline(Tables):
+class Baseline(BaselineTables):
     """An actuator's baseline: the limits and cases of a file, also as `written` in it, and trajectories in other files.
 
     `traces` are the trajectories by case and output [units of output_units], from 0 s on. `recorded` identifies the

@@ -15,10 +15,10 @@ from pydantic import Field, PlainValidator, ValidationInfo, create_model
 from scipy import stats
 
 from ...errors import EmcasError
-from ...parameters.schema import In, Quantity, Table, kind_of
+from ...parameters import Scalar
+from ...parameters.schema import In, Table, WrittenNumber, kind_of
 from ...simulation import Array
 
-Value = float | int | bool
 # Largest permitted probability that a drawn value is outside the limits of its parameter; such a sample fails.
 MOST_OUTSIDE = 1e-3
 _NUMBER = re.compile(r"\s*[+-]?(?:\d[\d_]*\.?[\d_]*|\.\d[\d_]*)(?:[eE][+-]?\d+)?")
@@ -38,7 +38,7 @@ _CONTINUOUS: Mapping[str, Callable[..., Any]] = {
     "lognormal": _lognormal,
 }
 # Keys of each kind of distribution in a file; the default of `mean` is the value of the base set.
-KINDS: Mapping[str, tuple[str, ...]] = {
+DISTRIBUTIONS: Mapping[str, tuple[str, ...]] = {
     **{kind: tuple(signature(make).parameters) for kind, make in _CONTINUOUS.items()}, "choice": ("levels", "weights")}
 
 
@@ -57,7 +57,7 @@ class Distribution:
 
     kind: str
     numbers: Mapping[str, float]
-    levels: tuple[Value, ...] = ()
+    levels: tuple[Scalar, ...] = ()
     cumulated: tuple[float, ...] = ()
 
     def at(self, probability: Array | float) -> Array:
@@ -114,20 +114,20 @@ def _mean(written: Any, info: ValidationInfo) -> float:
 _FIELDS: Mapping[str, Any] = {
     "mean": (Annotated[float, PlainValidator(_mean), Field(validate_default=True)], None),
     "sd": (Annotated[float, PlainValidator(_deviation)], ...),
-    "levels": (Annotated[list[Quantity], Field(min_length=1)], ...),
+    "levels": (Annotated[list[WrittenNumber], Field(min_length=1)], ...),
     "weights": (list[float] | None, None),
-    **dict.fromkeys(("low", "mode", "high"), (Quantity, ...)),
+    **dict.fromkeys(("low", "mode", "high"), (WrittenNumber, ...)),
 }
 _TABLES: Mapping[str, type[Table]] = {
     kind: create_model(kind, __base__=Table, distribution=(str, kind), **{key: _FIELDS[key] for key in keys})
-    for kind, keys in KINDS.items()}
+    for kind, keys in DISTRIBUTIONS.items()}
 
 
 class _EvenLevels(Table):
     """Equidistant levels."""
 
-    low: Quantity
-    high: Quantity
+    low: WrittenNumber
+    high: WrittenNumber
     count: Annotated[int, Field(ge=2, le=1_000_000)]
 
 
@@ -137,13 +137,14 @@ def distribution(written: Mapping[str, Any], unit: In) -> Distribution:
         even = _EvenLevels.model_validate(written, context=unit)
         width = even.high - even.low
         written = {"levels": [f"{even.low + width * k / (even.count - 1)!r}{unit.suffix}" for k in range(even.count)]}
-    kind = kind_of({"distribution": "choice", **written} if "levels" in written else written, KINDS, "distribution")
+    entries = {"distribution": "choice", **written} if "levels" in written else written
+    kind = kind_of(entries, DISTRIBUTIONS, "distribution")
     if kind != "choice" and unit.type != "Real":
         raise ValueError(f"{'true and false have' if unit.type == 'Boolean' else 'a whole number has'} no such "
                          "distribution; write levels = [...]")
     table: Any = _TABLES[kind].model_validate(written, context=unit)
     return _checked(_choice(tuple(table.levels), table.weights) if kind == "choice" else
-                    Distribution(kind, {key: getattr(table, key) for key in KINDS[kind]}), unit)
+                    Distribution(kind, {key: getattr(table, key) for key in DISTRIBUTIONS[kind]}), unit)
 
 
 def _checked(read: Distribution, unit: In) -> Distribution:
@@ -172,7 +173,7 @@ def _checked(read: Distribution, unit: In) -> Distribution:
     return read
 
 
-def _choice(levels: tuple[Value, ...], weights: list[float] | None) -> Distribution:
+def _choice(levels: tuple[Scalar, ...], weights: list[float] | None) -> Distribution:
     shares = [1.0] * len(levels) if weights is None else weights
     if len(shares) != len(levels) or not all(0.0 < w < inf for w in shares):
         raise ValueError(f"weights must be {len(levels)} finite numbers above 0, one for each level")

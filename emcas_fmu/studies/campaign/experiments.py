@@ -16,16 +16,15 @@ import numpy as np
 from ...actuators import get
 from ...bench.excitation import COMMAND, Excitation, motion
 from ...bench.frequency_response import sweep_response, swept
-from ...bench.metrics import Figure, figures_of, leap_weights, power_figures, usage
-from ...bench.metrics import motion as moved
+from ...bench.metrics import Figure, figures_of, leap_weights, motion_figures, power_figures, usage_figures
 from ...bench.runs import Run
 from ...bench.subject import Subject, left_out
-from ...motions import FIELDS, KINDS, LONGEST, STEP
+from ...motions import EXCITATIONS, FIELDS, LONGEST_MOTION, STEP
 from ...parameters.schema import In
 from ...simulation import Array
 
 REQUIREMENT = "requirement"  # begins the names of the requirements' columns; no experiment may have this name
-SAME, _TIME = None, In("s", -LONGEST, LONGEST)
+SAME, _TIME = None, In("s", -LONGEST_MOTION, LONGEST_MOTION)
 PROFILES: Mapping[str, Mapping[str, In | None]] = {
     "constant": {"value": SAME},
     "step": {"before": SAME, "after": SAME, "at": _TIME},
@@ -34,7 +33,7 @@ PROFILES: Mapping[str, Mapping[str, In | None]] = {
     "spring": {"stiffness": In("N.m/rad", -1e6, 1e6), "offset": SAME},  # its moment is computed once per row
 }
 """Formats of the fields of each kind of input profile; SAME is that of the input."""
-OPTIONAL = ("before", "outside", "offset")  # fields whose default is the input's start value
+OPTIONAL_FIELDS = ("before", "outside", "offset")  # fields whose default is the input's start value
 POWER = "supply_power"
 # Rows of power for each row of the other outputs: the drive has short transients after each sample of the controllers.
 POWER_ROWS = 5
@@ -73,7 +72,7 @@ def excitation(experiment: Experiment, values: Mapping[str, Any], numbers: Mappi
     such as a window that ends before it begins.
     """
     number = _finder(numbers, experiment.prefix, 0.0)
-    amplitude, *shape = (number(field) for field in ("amplitude", *KINDS[experiment.kind].shape))
+    amplitude, *shape = (number(field) for field in ("amplitude", *EXCITATIONS[experiment.kind].shape))
     each = zip(*(np.ravel(x).tolist() for x in np.broadcast_arrays(*shape)), strict=True) if shape else [()]
     motions = [_of_unit_amplitude(experiment.kind, experiment.duration, *fields) for fields in each]
     one, time = motions[0], motions[0].time - motions[0].begin
@@ -106,7 +105,7 @@ def _finder(numbers: Mapping[str, Any], prefix: str, start: Any) -> Number:
 
 @lru_cache(maxsize=64)
 def _of_unit_amplitude(kind: str, duration: float, *shape: float) -> Excitation:
-    return motion(kind, 1.0, duration, **dict(zip(KINDS[kind].shape, shape, strict=True)))
+    return motion(kind, 1.0, duration, **dict(zip(EXCITATIONS[kind].shape, shape, strict=True)))
 
 
 def _from(time: Array, instant: Any) -> Any:
@@ -136,7 +135,8 @@ _SHAPES: Mapping[str, Callable[[Array, Number], Any]] = {
 def figures(kind: str, model: str) -> Mapping[str, Figure]:
     """Return the figures in experiments of a `kind` for which the actuator has the outputs, by name."""
     outputs = {v.name for v in get(model).outputs}
-    return {name: figure for name, figure in figures_of(*KINDS[kind].runs).items() if outputs.issuperset(figure.needs)}
+    return {name: figure for name, figure in figures_of(*EXCITATIONS[kind].runs).items()
+            if outputs.issuperset(figure.needs)}
 
 
 def lacking(model: str) -> dict[str, list[str]]:
@@ -153,19 +153,19 @@ def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps
     columns = {name: column for name, column in run.columns.items() if name != POWER}
     rows = replace(run, columns=columns)
     begin = int(np.argmax(run.excitation.judged(columns["time"])))
-    measures = usage(rows)
+    measures = usage_figures(rows)
     if POWER in run.columns:
         power = run.columns[POWER][..., begin * POWER_ROWS:]
         weights = [leap_weights(power.shape[-1], run.excitation.step / POWER_ROWS, each) for each in leaps]
         measures |= power_figures(power, weights[0] if len(weights) == 1 else np.stack(weights))
-    if KINDS[experiment.kind].jumps:
+    if EXCITATIONS[experiment.kind].jumps:
         command, moves = run.excitation.command, run.excitation.moves
         before = moves[-2].level if len(moves) > 1 else command[..., 0]
         if np.any((command[..., -1] == before) | (command[..., -1] == columns["fin_angle"][..., begin])):
             raise ValueError("the step has no height: its command is the previous command or the fin's initial angle")
-        measures |= moved(rows, -1)  # the last move: a slew jumps to its starting end first
+        measures |= motion_figures(rows, -1)  # the last move: a slew jumps to its starting end first
         measures["steady_error"] = np.abs(measures["steady_error"])
-    if KINDS[experiment.kind].sweeps:
+    if EXCITATIONS[experiment.kind].sweeps:
         count = len(columns["fin_angle"])
         ends = [np.broadcast_to(numbers[f"{experiment.prefix}.{side}"], count).tolist() for side in ("low", "high")]
         each = [_bandwidths(swept(sweep_response(rows.of(k), *band))) for k, band in enumerate(zip(*ends, strict=True))]

@@ -22,7 +22,7 @@ from ...extensions.faults import BUILT_IN_TEST, FAULT_WORD
 from ...extensions.monitors import possible
 from ...simulation import Array
 from ...variables import Variable
-from .study import Study
+from .study import Campaign
 
 NONE, SEVERAL = "no fault", "several faults"
 
@@ -86,7 +86,7 @@ def in_words(output: Variable, value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def observed(study: Study) -> dict[str, Variable]:
+def observed(study: Campaign) -> dict[str, Variable]:
     """Return the outputs of the observations in a row, by column name."""
     return {f"{experiment.name}.{name}": r.output for experiment in study.experiments
             for name, r in reductions(study.model).items() if r.figure is None}
@@ -112,7 +112,7 @@ class Finding:
     longest: float
 
 
-def tallies(study: Study, table: Any) -> dict[str, dict[str, int]]:
+def tallies(study: Campaign, table: Any) -> dict[str, dict[str, int]]:
     """Return for every observation the number of samples with each value, or each bit of a word, the largest first."""
     return {name: dict(Counter(
         word for value in table[name].to_pylist()
@@ -120,7 +120,7 @@ def tallies(study: Study, table: Any) -> dict[str, dict[str, int]]:
         for name, output in observed(study).items()}
 
 
-def findings(study: Study, table: Any) -> Iterator[Finding]:
+def findings(study: Campaign, table: Any) -> Iterator[Finding]:
     """Yield the findings of each experiment: NONE, each single fault, SEVERAL; nothing without faults in the model."""
     words = {v.name: v for v in study.actuator.outputs if v.name in (FAULT_WORD, BUILT_IN_TEST.name)}
     for experiment in (e.name for e in study.experiments if len(words) == 2):

@@ -18,7 +18,7 @@ from ...pages.page import write_page
 from ...pages.provenance import Source
 from ...pages.terminal import table
 from ...plotting import plots
-from ...plotting.plots import BLUE, COLORS, COMMAND, GRAY, INK, VERMILLION, Drawing
+from ...plotting.plots import BLUE, COLORS, COMMAND_STYLE, GRAY, INK, VERMILLION, Drawing
 from ...reference.files import parameters_hash
 from .distributions import Factor
 from .experiments import REQUIREMENT, Experiment, lacking
@@ -46,7 +46,7 @@ def drawings(summary: Summary) -> Iterator[Drawing]:
 
 def histograms(name: str, spreads: Sequence[Spread]) -> Drawing:
     """Plot histograms of the figures of an experiment."""
-    plot, grid = plots.panels(len(spreads), _COLUMNS, width=10.0, height=1.9)
+    plot, grid = plots.panel_grid(len(spreads), _COLUMNS, width=10.0, height=1.9)
     for axes, s in zip(grid, spreads, strict=True):
         unit, scale = shown(s.figure.unit)
         axes.hist(s.values * scale, bins=min(_MOST_BINS, max(5, int(np.sqrt(len(s.values))))), color=BLUE)
@@ -68,7 +68,7 @@ def dependence(name: str, spreads: Sequence[Spread]) -> Drawing:
             strongest[e.factor] = max(strongest.get(e.factor, 0.0), abs(e.rank_correlation))
     factors = sorted(strongest, key=lambda f: -strongest[f])[:_MOST_FACTORS]
     height = 0.75 + 0.2 * len(factors)  # of a row, in inches
-    plot, grid = plots.panels(len(spreads), _COLUMNS, width=10.0, height=height, sharex=True, sharey=True)
+    plot, grid = plots.panel_grid(len(spreads), _COLUMNS, width=10.0, height=height, sharex=True, sharey=True)
     for axes, s in zip(grid, spreads, strict=True):
         effects = {e.factor: e for e in s.effects}
         for position, effect in enumerate(map(effects.get, factors)):
@@ -101,7 +101,7 @@ def worst(summary: Summary, experiment: Experiment, spreads: Sequence[Spread]) -
         more = f" and {len(names) - _MOST_WORST} more" if len(names) > _MOST_WORST else ""
         look = {"color": COLORS[k % len(COLORS)], "label": f"{index}: {', '.join(names[:_MOST_WORST])}{more}"}
         if not k:
-            angle.step(time, np.degrees(response.excitation.command), where="post", **COMMAND)
+            angle.step(time, np.degrees(response.excitation.command), where="post", **COMMAND_STYLE)
         angle.plot(time, response.in_unit("fin_angle", "deg"), **look)
         error.plot(time, response.in_unit("tracking_error", "deg"), **look)
     plots.legend_above(angle, 1)

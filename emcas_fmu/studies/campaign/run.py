@@ -25,8 +25,8 @@ from ...simulation import Array
 from ...support.progress import waking
 from .distributions import CampaignError
 from .experiments import POWER_ROWS
-from .sample import Rows, failed, rows
-from .study import Study
+from .sample import SampleColumns, failed, rows
+from .study import Campaign
 
 # Simulated time of a task [s]: with the kernel (tenths of a second of work) and with an FMU (seconds of work). The
 # overhead of a task is milliseconds, and little work is lost if a worker is killed.
@@ -45,8 +45,8 @@ _RESTARTED = 300.0
 # default of 15 s also removes workers that restart slowly, or have died again: then the run would wait forever.
 _NEVER = "365 days"
 
-Work = Callable[[Study, Sequence[int], Array], Rows]
-Keep = Callable[[Rows], object]
+Work = Callable[[Campaign, Sequence[int], Array], SampleColumns]
+Keep = Callable[[SampleColumns], object]
 Indices = NDArray[np.int64]
 
 
@@ -54,7 +54,7 @@ def _distributed() -> Any:
     return import_module("distributed")  # an extra, which `in_process` does not need
 
 
-def _prepared(study: Study, missing: Indices, chunk: int | None, threads: int) -> Iterator[Indices]:
+def _prepared(study: Campaign, missing: Indices, chunk: int | None, threads: int) -> Iterator[Indices]:
     """Return chunks of indices, in order; compile the kernel first, also for workers here, if that saves time."""
     if not study.fmu:
         library.compile_for(study.model, len(missing) * study.duration / STEP * POWER_ROWS)
@@ -62,13 +62,13 @@ def _prepared(study: Study, missing: Indices, chunk: int | None, threads: int) -
     return (missing[k:k + size] for k in range(0, len(missing), size))
 
 
-def chunk_size(study: Study, count: int, threads: int) -> int:
+def chunk_size(study: Campaign, count: int, threads: int) -> int:
     """Return the number of samples in a task: so many tasks per thread (at least eight) that threads end together."""
     most = int((BY_FMU if study.fmu else SIMULATED) / study.duration)
     return max(1, min(most, count // (8 * threads)))
 
 
-def in_process(study: Study, missing: Indices, keep: Keep, chunk: int | None = None) -> None:
+def in_process(study: Campaign, missing: Indices, keep: Keep, chunk: int | None = None) -> None:
     """Run the samples `missing` (indices) in this process, without Dask; pass the rows of each chunk to `keep`."""
     for indices in _prepared(study, missing, chunk, 1):
         keep(rows(study, indices.tolist(), study.draw(indices.tolist())))
@@ -150,7 +150,7 @@ def _version() -> str:
     return __version__
 
 
-def by_dask(client: Any, study: Study, missing: Indices, keep: Keep, chunk: int | None = None,
+def by_dask(client: Any, study: Campaign, missing: Indices, keep: Keep, chunk: int | None = None,
             work: Work = rows) -> None:
     """Run the samples `missing` (indices) on a client's workers; pass rows to `keep` in the order of completion.
 

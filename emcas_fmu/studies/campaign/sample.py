@@ -32,16 +32,16 @@ from . import experiments
 from .distributions import CampaignError
 from .experiments import REQUIREMENT, Experiment, excitation
 from .extension_outputs import observed, reduced, reductions
-from .study import Study, source_sha256
+from .study import Campaign, source_sha256
 
 OK, FAILED = "ok", "failed"
-Rows = dict[str, Any]
+SampleColumns = dict[str, Any]
 """Columns by name, in the order of a row's entries."""
 TOGETHER = 30.0  # s, total simulated time of samples that are simulated together: their 4 MB fit in a processor's cache
 FEWEST = 8  # smallest number of samples that are simulated together, for vectors
 
 
-def columns(study: Study) -> dict[str, Figure]:
+def columns(study: Campaign) -> dict[str, Figure]:
     """Return the figures in a row by column name."""
     added = {name: r.figure for name, r in reductions(study.model).items() if r.figure}
     return {**{f"{experiment.name}.{name}": figure for experiment in study.experiments
@@ -50,18 +50,18 @@ def columns(study: Study) -> dict[str, Figure]:
                for r in study.specification.requirements}}
 
 
-def failed(study: Study, indices: Sequence[int], drawn: Array, errors: Sequence[str]) -> Rows:
+def failed(study: Campaign, indices: Sequence[int], drawn: Array, errors: Sequence[str]) -> SampleColumns:
     """Return the rows of failed samples, with the error of each sample and without figures."""
     return _rows(study, indices, drawn, {}, dict(enumerate(errors)))
 
 
-def listed(rows: Rows) -> list[dict[str, Any]]:
+def listed(rows: SampleColumns) -> list[dict[str, Any]]:
     """Return rows as a list with a mapping from column name to entry for each sample."""
     columns = [column.tolist() if isinstance(column, np.ndarray) else column for column in rows.values()]
     return [dict(zip(rows, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
-def joined(parts: Sequence[Rows]) -> Rows:
+def joined(parts: Sequence[SampleColumns]) -> SampleColumns:
     """Return the rows of all parts as one table."""
     def column(name: str) -> Any:
         columns = [part[name] for part in parts]
@@ -69,12 +69,13 @@ def joined(parts: Sequence[Rows]) -> Rows:
     return parts[0] if len(parts) == 1 else {name: column(name) for name in parts[0]}
 
 
-def _rows(study: Study, indices: Sequence[int], drawn: Array, entries: Mapping[str, Any], errors: Mapping[int, str]
-          ) -> Rows:
+def _rows(study: Campaign, indices: Sequence[int], drawn: Array, entries: Mapping[str, Any], errors: Mapping[int, str]
+          ) -> SampleColumns:
     """Return rows from the `entries` of samples by column; `errors` of failed samples are by position in `indices`."""
     count, failures = len(indices), [*errors]
-    rows: Rows = {"index": np.asarray(indices), "seed": np.full(count, study.seed),
-                  **{name: np.broadcast_to(values, count) for name, values in study.factor_values(drawn.T).items()}}
+    rows: SampleColumns = {
+        "index": np.asarray(indices), "seed": np.full(count, study.seed),
+        **{name: np.broadcast_to(values, count) for name, values in study.factor_values(drawn.T).items()}}
     for name in columns(study):
         rows[name] = entries.get(name, np.full(count, np.nan))
         rows[name][failures] = np.nan
@@ -86,7 +87,7 @@ def _rows(study: Study, indices: Sequence[int], drawn: Array, entries: Mapping[s
     return rows
 
 
-def together(study: Study, indices: Sequence[int], drawn: Array, subject: Subject) -> Rows:
+def together(study: Campaign, indices: Sequence[int], drawn: Array, subject: Subject) -> SampleColumns:
     """Return the rows of samples: index, seed, factors, figures (nan if missing), observations, status and error."""
     try:
         return _rows(study, indices, drawn, *_entries(study, drawn, subject))
@@ -104,13 +105,13 @@ def _message(error: Exception) -> str:
     return str(error) if expected else f"{type(error).__name__}: {error}"
 
 
-def _changes(study: Study, values: Mapping[str, Any], subject: Subject) -> dict[str, Any]:
+def _changes(study: Campaign, values: Mapping[str, Any], subject: Subject) -> dict[str, Any]:
     """Return the parameters that vary between samples or differ from the subject's values."""
     varied = {*(f.name for f in study.factors), *study.followers}
     return {name: value for name, value in values.items() if name in varied or value != subject.values[name]}
 
 
-def _entries(study: Study, drawn: Array, subject: Subject) -> tuple[dict[str, Any], dict[int, str]]:
+def _entries(study: Campaign, drawn: Array, subject: Subject) -> tuple[dict[str, Any], dict[int, str]]:
     """Return figures and observations of samples by column, and the errors of failed samples by row of `drawn`."""
     values, numbers = study.varied(drawn.T)
     changes = _changes(study, values, subject)
@@ -152,7 +153,7 @@ def _outputs(kind: str, model: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*needed, *(v.name for v in extension_outputs(model)))))
 
 
-def subject_of(study: Study) -> Subject:
+def subject_of(study: Campaign) -> Subject:
     """Return the subject of a campaign; each process opens it once.
 
     Raises CampaignError if the subject's FMU or Python file has changed since the campaign began.
@@ -176,7 +177,7 @@ def _check_same(path: str, digest: str, initial: str) -> None:
                             f"{initial[:16]}); every worker must see the same file")
 
 
-def rows(study: Study, indices: Sequence[int], drawn: Array) -> Rows:
+def rows(study: Campaign, indices: Sequence[int], drawn: Array) -> SampleColumns:
     """Return the rows of samples with the `drawn` values [indices, factors]: the work of a task.
 
     Raises CampaignError if no sample can be run, for example because a requirement cannot be measured, and EmcasError
@@ -191,7 +192,7 @@ def rows(study: Study, indices: Sequence[int], drawn: Array) -> Rows:
                    for k in range(0, len(indices), size)])
 
 
-def history(study: Study, experiment: Experiment, index: int) -> Response:
+def history(study: Campaign, experiment: Experiment, index: int) -> Response:
     """Run a sample again in an experiment, and return all outputs over time, since rows have figures only.
 
     The response of a sample that failed ends at the failure. Raises EmcasError if there is no response.

@@ -13,12 +13,12 @@ from pydantic import PlainValidator
 from ...actuators import EXTENSIONS, NAMES, get, parts
 from ...bench.excitation import COMMAND, LOAD
 from ...errors import EmcasError, hint
-from ...motions import FIELDS, KINDS, motion_in
-from ...parameters import ParameterSet
+from ...motions import EXCITATIONS, FIELDS, motion_in
+from ...parameters import ParameterSet, Scalar
 from ...parameters.schema import In, Table, each, kind_of, leaves
 from ...variables import Variable
-from .distributions import MOST_OUTSIDE, Factor, Value, distribution
-from .experiments import OPTIONAL, PROFILES, REQUIREMENT, Experiment, Profile
+from .distributions import MOST_OUTSIDE, Factor, distribution
+from .experiments import OPTIONAL_FIELDS, PROFILES, REQUIREMENT, Experiment, Profile
 
 
 class _Follower(Table):
@@ -42,7 +42,7 @@ class Reader:
         self._parameters = {e.variable.name: e.variable for e in base.entries}
         self._inputs = {v.name: v for v in get(base.model).inputs}
         self.factors: list[Factor] = []
-        self.numbers: dict[str, Value] = {}
+        self.numbers: dict[str, Scalar] = {}
         self.followers: dict[str, str] = {}
 
     def read_factors(self, written: Any) -> None:
@@ -100,7 +100,7 @@ class Reader:
     def _fields(self, prefix: str, formats: Mapping[str, In]) -> dict[str, Any]:
         """Return pydantic fields for a motion or profile, from formats; validating a field stores its number."""
         return {field: (Annotated[Any, PlainValidator(partial(self._keep, f"{prefix}.{field}", each))],
-                        None if field in OPTIONAL else ...) for field, each in formats.items()}
+                        None if field in OPTIONAL_FIELDS else ...) for field, each in formats.items()}
 
     def _like(self, variable: Variable, field: str) -> In:
         of_input = In.of(variable, float(self.base[variable.key]) if variable.key else None)
@@ -118,12 +118,13 @@ class Reader:
             raise ValueError(f"the name of an experiment must have no dot and must not be {REQUIREMENT}")
         kind, prefix = motion_in(entry), f"experiments.{name}"
         limit = float(self.base["command.limit"]) * (1.0 + 1e-9)
-        amplitude = replace(FIELDS["amplitude"], minimum=-limit, maximum=limit, nonzero=KINDS[kind].jumps)
-        fields = self._fields(prefix, {"amplitude": amplitude, **{each: FIELDS[each] for each in KINDS[kind].shape}})
+        motion = EXCITATIONS[kind]
+        amplitude = replace(FIELDS["amplitude"], minimum=-limit, maximum=limit, nonzero=motion.jumps)
+        fields = self._fields(prefix, {"amplitude": amplitude, **{each: FIELDS[each] for each in motion.shape}})
         fields["duration"] = replace(FIELDS["duration"], default=1.0).definition
         fields["inputs"] = (Annotated[Any, PlainValidator(partial(self.profiles, f"{prefix}.inputs"))], {})
         table = Table.of_kind(kind, fields).model_validate(entry)
-        if KINDS[kind].sweeps:
+        if EXCITATIONS[kind].sweeps:
             (_, low), (high, _) = (self._limits(f"{prefix}.{side}", MOST_OUTSIDE) for side in ("low", "high"))
             if not low < high:
                 raise ValueError(f"low (at most {low:g} Hz) must be below high (at least {high:g} Hz)")

@@ -28,8 +28,8 @@ from ...parameters.schema import leaves
 from ...support.writing import PARTIAL, write
 from .distributions import CampaignError
 from .extension_outputs import observed
-from .sample import Rows, columns
-from .study import Study
+from .sample import SampleColumns, columns
+from .study import Campaign
 
 SCHEMA = "emcas-campaign/2"
 MANIFEST, PARTS, LOCK, OWNER = "campaign.json", "samples", ".lock", ".owner"
@@ -38,7 +38,7 @@ _WITHOUT_EFFECT = {"title", "source", "reason"}  # fields of a requirement that 
 _MOST_NAMED = 6  # most changes that a message names
 
 
-def identity(study: Study) -> dict[str, Any]:
+def identity(study: Campaign) -> dict[str, Any]:
     """Return everything that determines the rows, for JSON: campaign, parameters, model or FMU, and package version."""
     model = {} if study.model == NONLINEAR else {"model": study.actuator.name}
     if study.model_sha256:
@@ -66,7 +66,7 @@ class Store(AbstractContextManager["Store"]):
     or if another process writes to it.
     """
 
-    def __init__(self, folder: Path, study: Study) -> None:
+    def __init__(self, folder: Path, study: Campaign) -> None:
         self.folder, self._parts, self._study, self._schema = folder, folder / PARTS, study, _schema(study)
         manifest = folder / MANIFEST
         if folder.exists() and not folder.is_dir():
@@ -103,7 +103,7 @@ class Store(AbstractContextManager["Store"]):
             missing[table["index"].to_numpy()] = False
         return np.flatnonzero(missing)
 
-    def write(self, rows: Rows) -> Path:
+    def write(self, rows: SampleColumns) -> Path:
         """Write rows as a new part with one row group, and return its path; the part is then on disk."""
         sink = pa.BufferOutputStream()
         # Figures rarely repeat and are not searched by range: dictionaries and statistics would only waste space.
@@ -156,7 +156,7 @@ def _unused(folder: Path) -> bool:
         (folder / PARTS).glob("*"))
 
 
-def _schema(study: Study) -> pa.Schema:
+def _schema(study: Campaign) -> pa.Schema:
     fields = [("index", pa.int64()), ("seed", pa.int64()), *((f.name, _TYPES[f.type]) for f in study.factors),
               *((name, pa.float64()) for name in (*study.followers, *columns(study))),
               *((name, _TYPES[output.kind]) for name, output in observed(study).items()),

@@ -25,6 +25,7 @@ from ...fmi.interface import MOST_FINS, FmuInterface, start_values
 from ...fmi.package import interface_guid
 from ...parameters import (
     ParameterSet,
+    Scalar,
     broken_rules,
     check_combinations,
     check_parameters,
@@ -35,7 +36,7 @@ from ...parameters import (
 from ...parameters.schema import Table
 from ...rules import Rule
 from ...simulation import Array
-from .distributions import MOST_OUTSIDE, CampaignError, Factor, Value
+from .distributions import MOST_OUTSIDE, CampaignError, Factor
 from .experiments import Experiment
 from .schema import Entries, Reader
 
@@ -72,7 +73,7 @@ class _File(Table):
 
 
 @dataclass(frozen=True)
-class Study:
+class Campaign:
     """A campaign, read from the file `path`; workers receive a copy.
 
     `text` is the content of the file and `document` its TOML. `guid` is that of the FMU, or of the FMU that would be
@@ -93,8 +94,8 @@ class Study:
     samples: int
     seed: int
     guid: str
-    base: Mapping[str, Value]
-    numbers: Mapping[str, Value]
+    base: Mapping[str, Scalar]
+    numbers: Mapping[str, Scalar]
     factors: tuple[Factor, ...]
     followers: Mapping[str, str]
     experiments: tuple[Experiment, ...]
@@ -181,7 +182,7 @@ def _sobol(factors: int, seed: int, indices: Sequence[int]) -> Array:
 
 
 def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, model: str | None = None,
-               requirements: Path | str | None = None) -> Study:
+               requirements: Path | str | None = None) -> Campaign:
     """Return the campaign in a TOML file (see models/campaign.toml).
 
     `fmu`, its `fin` (from 1) and `model`, a name for :func:`emcas_fmu.actuators.get`, override the file's entries.
@@ -204,7 +205,7 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
     measurable = tuple(r for r in specification.requirements if not r.obstacle(subject))
     if specification.requirements and not measurable:
         raise CampaignError(f"{requirements}: no requirement can be measured for {base.model}; omit --requirements")
-    study = Study(
+    study = Campaign(
         path, text, document, file.campaign.method, _samples(path, file.campaign, reader.factors), file.campaign.seed,
         guid, dict(base.values), reader.numbers, tuple(reader.factors), reader.followers,
         tuple(entries.experiments.values()), fmu=fmu_path, fmu_sha256=digest, fin=fin_number, model=base.model,
@@ -223,8 +224,8 @@ def source_sha256(model: str) -> str:
     return "" if source is None else hashlib.sha256(source.read_bytes()).hexdigest()
 
 
-def _warnings(base: ParameterSet, study: Study, medians: list[float]) -> Iterator[str]:
-    """Yield the warnings of :class:`Study`: those of the base set that are not from rules, then those of the rules."""
+def _warnings(base: ParameterSet, study: Campaign, medians: list[float]) -> Iterator[str]:
+    """Yield the warnings of a campaign: those of the base set that are not from rules, then those of the rules."""
     from_rules = check_combinations(base.values, base.actuator, warnings=True)
     yield from (warning for warning in base.warnings if warning not in from_rules)
     points = [medians, *([*medians[:k], end, *medians[k + 1:]] for k, factor in enumerate(study.factors)

@@ -22,7 +22,7 @@ from .experiments import REQUIREMENT, lacking
 from .extension_outputs import Finding, findings, tallies
 from .quantiles import CONFIDENCE, PERCENTILES, Chance, percentiles
 from .sample import OK, columns
-from .study import Study
+from .study import Campaign
 
 WORST = 3  # samples listed for each figure
 _FEWEST = 10  # smallest number of samples for sensitivities
@@ -83,7 +83,7 @@ class Spread:
 class Summary:
     """The results of a campaign; `done` is the number of samples that were run, including those that failed."""
 
-    study: Study
+    study: Campaign
     done: int
     spreads: tuple[Spread, ...]
     failures: tuple[tuple[str, int, int], ...]
@@ -108,7 +108,7 @@ class Summary:
         return sum(count for _, count, _ in self.failures)
 
 
-def summarise(study: Study, table: pa.Table) -> Summary:
+def summarise(study: Campaign, table: pa.Table) -> Summary:
     """Return the summary of the rows of a campaign, of which some may still be missing."""
     good = table.filter(pa.compute.equal(table["status"], OK))
     factors = {f.name: np.asarray(good[f.name].to_numpy(), dtype=float) for f in study.factors}

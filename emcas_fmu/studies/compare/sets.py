@@ -26,16 +26,16 @@ from ...pages import numbers
 from ...pages.page import write_page
 from ...pages.terminal import table
 from ...parameters import ParameterError, ParameterSet, load_parameters, parameter_file, shipped_file
-from ...plotting.plots import COMMAND, Drawing, figure, pictures
+from ...plotting.plots import COMMAND_STYLE, Drawing, figure, pictures
 from ...support.progress import Progress, silent
 
 SCHEMA = "emcas-compare/1"
 """Name and version of the JSON layout; the number changes when a field is removed or changes its meaning."""
 _WIDEST = 3.5  # points, line width of the first set
 _WINDOW = -0.02, 0.35  # s, first and last plotted time from the command
-DEFAULT = "default"
+DEFAULTS = "default"
 """Name of the default set."""
-DRIVES = (DEFAULT, "drive-si", "drive-scaled", "drive-pi")
+DRIVES = (DEFAULTS, "drive-si", "drive-scaled", "drive-pi")
 """The sets that are compared by default if the actuator has a current loop."""
 _OUTPUTS = ("fin_angle", "fin_rate")
 PLOTTED: Mapping[str, Test] = {"Step to 20 deg": Test("step", radians(20.0), 0.45),
@@ -59,7 +59,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Result:
+class SetComparison:
     """Parameter sets, or actuators, side by side."""
 
     columns: tuple[Column, ...]
@@ -98,15 +98,15 @@ def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> d
     """Return parameter sets by the names of shipped sets, parameter files or actuators (also Python files).
 
     The files `below` override the default set of every actuator; a shipped set or a file overrides both for `model`.
-    Without names, the sets are DRIVES, or DEFAULT alone for an actuator without a current loop. Raises EmcasError.
+    Without names, the sets are DRIVES, or DEFAULTS alone for an actuator without a current loop. Raises EmcasError.
     """
     if twice := [name for name in names if names.count(name) > 1]:
         raise EmcasError(f"{twice[0]}: appears twice; name each set once")
     base = load_parameters(below, model=model)
-    names = names or (DRIVES if capabilities.CURRENT_LOOP in base.actuator.provides else (DEFAULT,))
+    names = names or (DRIVES if capabilities.CURRENT_LOOP in base.actuator.provides else (DEFAULTS,))
 
     def loaded(name: str) -> ParameterSet:
-        if name == DEFAULT:
+        if name == DEFAULTS:
             return base
         if is_named(name):
             return load_parameters(below, model=name)
@@ -120,7 +120,8 @@ def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> d
     return {name: loaded(name) for name in names}
 
 
-def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent, requirements: Path | None = None) -> Result:
+def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent,
+            requirements: Path | None = None) -> SetComparison:
     """Judge each set by the requirements of a file, by default the shipped requirements of the first set's actuator.
 
     `progress` is called with the set and the test, the number of finished tests, and their total. Raises EmcasError.
@@ -135,10 +136,10 @@ def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent, requi
         runs = {title: subject.run(excitation(test, 1.0, subject), outputs=_OUTPUTS)
                 for title, test in PLOTTED.items()}
         columns.append(Column(name, parameters, tuple(judged), runs))
-    return Result(tuple(columns))
+    return SetComparison(tuple(columns))
 
 
-def summary(result: Result) -> Iterator[RenderableType]:
+def summary(result: SetComparison) -> Iterator[RenderableType]:
     """Yield a table of all figures, the parameters that differ (if there is one actuator), and each set's verdict."""
     yield table(["requirement", ">required", *(f">{column.name}" for column in result.columns)], (
         [first.name, f"{first.sense} {first.limit:g} {first.unit}", *map(_cell, (first, *others))]
@@ -156,7 +157,7 @@ def _cell(j: Judged) -> Text:
     return verdict.marked(j) if j.skipped else Text(f"{j.more}{numbers.number(j.measured)} ") + verdict.marked(j)
 
 
-def as_dict(result: Result) -> dict[str, Any]:
+def as_dict(result: SetComparison) -> dict[str, Any]:
     """Return the result for JSON: figures and verdicts of all sets, and the parameters that differ."""
     return {"schema": SCHEMA, "tool": f"emcas {__version__}", "model": ", ".join(result.models),
             "differing": {name: dict(zip((c.name for c in result.columns), values, strict=True))
@@ -166,13 +167,13 @@ def as_dict(result: Result) -> dict[str, Any]:
                      for column in result.columns]}
 
 
-def write_report(result: Result, path: Path) -> None:
+def write_report(result: SetComparison, path: Path) -> None:
     """Write the page; the same result, command and date give the same bytes."""
     write_page(path, "studies/compare/page.html.j2", [c.parameters for c in result.columns], result=result,
                pictures=pictures(_drawings(result)))
 
 
-def _drawings(result: Result) -> Iterator[Drawing]:
+def _drawings(result: SetComparison) -> Iterator[Drawing]:
     """Yield one plot: the responses of all sets to the PLOTTED tests."""
     large, grid = figure(2, 2, width=10.0, height=2.6, sharex=True, x="time [ms]",
                          y=("fin angle [deg]", "fin rate [deg/s]"))
@@ -185,7 +186,7 @@ def _drawings(result: Result) -> Iterator[Drawing]:
             time = run.columns["time"] - run.excitation.moves[-1].start
             shown = (time > _WINDOW[0]) & (time < _WINDOW[1])
             if not k:
-                angle.step(time[shown] * 1e3, np.degrees(run.excitation.command)[shown], where="post", **COMMAND)
+                angle.step(time[shown] * 1e3, np.degrees(run.excitation.command)[shown], where="post", **COMMAND_STYLE)
             look = {"color": f"C{k}", "linewidth": widths[k], "label": column.name}
             angle.plot(time[shown] * 1e3, np.degrees(run.columns["fin_angle"])[shown], **look)
             rate.plot(time[shown] * 1e3, np.degrees(run.columns["fin_rate"])[shown], **look)

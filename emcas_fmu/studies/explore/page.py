@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import __version__, motions, rules
-from ...actuators import capabilities, extension_outputs, full_name, get, parts
-from ...actuators import fin_port as port
+from ...actuators import capabilities, extension_outputs, fin_port, full_name, get, parts
 from ...actuators.declaration import Actuator
 from ...bench import measure, metrics
 from ...bench.excitation import COMMAND, LOAD, Excitation
@@ -32,9 +31,9 @@ from ...pages.page import page
 from ...parameters import Entry, ParameterSet, load_parameters
 from ...physics import drive
 from ...reference import cases
-from ...response import CLIPPED, IN_DEGREES, LIKE_DEGREES, ROUNDING, panels
+from ...response import CLIPPED, IN_DEGREES, LIKE_DEGREES, ROUNDING, panel_outputs
 from ...runtime.c_sources import MOST_NUMBERS, batch_sources, handwritten, header
-from ...runtime.codegen import Traced, traced_functions
+from ...runtime.codegen import NamedFunction, traced_functions
 from ...runtime.compiled import REASONS
 from ...runtime.compiler import WEB, zig
 from ...support.files import described_sets
@@ -64,7 +63,7 @@ def sources(model: str) -> dict[str, str]:
     """Return the C sources of an actuator's page by file name."""
     limits = ""
     if _limited(get(model)):
-        torque: Traced = ("torque", ("supply", "speed"), lambda ops, p, *at: (drive.limit_torque(ops, p, *at),))
+        torque: NamedFunction = ("torque", ("supply", "speed"), lambda ops, p, *at: (drive.limit_torque(ops, p, *at),))
         limits = f"#define LIMITS\n{c_source(traced_functions(model, [torque]), 'limits')}"
     return {_MAIN: handwritten(_MAIN, _HERE), **batch_sources(model),
             "limits.h": header("limits", "Limits of motor and drive", f"#include <math.h>\n\n{limits}"),
@@ -216,7 +215,7 @@ def _excitations(limit: float, torque: float, rated_load: float) -> dict[str, An
     kinds = {name: {"title": kind.title, "rise": kind.rise,
                     "usual": {**kind.usual, **(usual_load if "torque" in kind.usual else {})},
                     "fields": tuple(dict.fromkeys((*kind.fields, "torque")))}
-             for name, kind in motions.KINDS.items() if kind.usual}
+             for name, kind in motions.EXCITATIONS.items() if kind.usual}
     ranges = {"amplitude": (-limit, limit), "frequency": motions.SWEEP, "torque": (-2.0 * rated_load, 2.0 * rated_load)}
     fields = {**motions.FIELDS, "torque": replace(motions.FIELDS["torque"], default=torque)}
     return {"kinds": {**kinds, "csv": {"title": "Your CSV", "usual": {}, "fields": ("torque",)}},
@@ -243,7 +242,7 @@ def _first(parameters: ParameterSet) -> dict[str, list[str]]:
     actuator = parameters.actuator
     tunable = [v for v in actuator.parameters if v.variability == "tunable"]
     gains = [v.name for v in tunable if v.name.startswith("controller.")]
-    ports = {v.name for v in port.PARAMETERS}
+    ports = {v.name for v in fin_port.PARAMETERS}
     others = [v.name for v in get(parts(parameters.model)[0]).parameters if v.name not in ports]
     inputs = [*([actuator.supply.input.name] if actuator.supply else []), *(v.name for v in actuator.further_inputs)]
     inputs += [v.name for v in tunable if v.name == "homing.required"]  # if true, the fin does not move before homing
@@ -258,14 +257,14 @@ def _panels(model: str, specification: Specification) -> list[dict[str, Any]]:
     return [{"title": ", ".join(v.name for v in panel).replace("_", " ").capitalize(), "names": [v.name for v in panel],
              "shown": _shown(panel[0].unit, metrics.shown_output(panel[0])), "discrete": panel[0].kind != "Real",
              "items": [item for item, _ in panel[0].items], "bits": panel[0].bits,
-             "rules": _lines(panel[0], specification)} for panel in (*panels(model), *further)]
+             "rules": _lines(panel[0], specification)} for panel in (*panel_outputs(model), *further)]
 
 
 def _lines(v: Variable, specification: Specification) -> list[tuple[float, str]]:
     """Return values [deg/s] and texts of the required rates for the panel of the fin rate; empty for other panels."""
     return list(dict.fromkeys((r.shown_limit, f"required {r.shown_limit:.6g} °/s{', loaded' * bool(r.test.torque)}")
                               for r in specification.requirements if r.test and r.test.supply == 1.0
-                              if r.figure in ("sustained_rate", "peak_rate") and v == port.FIN_RATE))
+                              if r.figure in ("sustained_rate", "peak_rate") and v == fin_port.FIN_RATE))
 
 
 def _judging(specification: Specification, subject: Subject) -> dict[str, Any]:

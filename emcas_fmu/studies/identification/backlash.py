@@ -23,10 +23,10 @@ from ...plotting.plots import Drawing
 from . import motion, pictures
 from .estimation import Fit, each, weighted_fit
 from .records import DIRECTIONS, Array, RecordFile, divided, read_records, refuse_magnitude, require
-from .result import Estimate, Experiment, Identification
+from .result import Estimate, Identification, IdentificationExperiment
 
-EXPERIMENT = Experiment("backlash", "Backlash", ("motor_angle", "fin_angle"), (),
-                        ("kinematics.moment_arm", "kinematics.initial_angle", "screw.lead"), "rad")
+EXPERIMENT = IdentificationExperiment("backlash", "Backlash", ("motor_angle", "fin_angle"), (),
+                                      ("kinematics.moment_arm", "kinematics.initial_angle", "screw.lead"), "rad")
 GAP = "backlash"
 _NAMES = (GAP, *(f"difference[{n}]" for n in range(4)))
 _CLEAR = radians(0.5)  # indirect motion after a reversal within which the gap is crossed
@@ -34,7 +34,7 @@ _RANGE = radians(5.0)  # smallest range of a sweep
 _BLOCKS = 40  # blocks of a sweep, within which an encoder's steps average out
 
 
-class Sweep(NamedTuple):
+class GapSweep(NamedTuple):
     """A sweep beyond the gap: its `direction` (1, -1), and means of `fin` angle and `difference` [rad] in blocks."""
 
     direction: int
@@ -95,7 +95,7 @@ def _turns(angle: Array) -> list[int]:
     return [0, *sorted(np.concatenate([*peaks]).tolist()), len(angle) - 1]
 
 
-def _sweeps(record: RecordFile, indirect: Array) -> Iterator[Sweep]:
+def _sweeps(record: RecordFile, indirect: Array) -> Iterator[GapSweep]:
     """Yield the sweeps of a record. Raises RecordError if one has too few samples."""
     difference = record["fin_angle"] - indirect
     for begin, end in pairwise(_turns(indirect)):
@@ -110,7 +110,7 @@ def _sweeps(record: RecordFile, indirect: Array) -> Iterator[Sweep]:
                        f"samples; at least {2 * _BLOCKS} are needed to average the encoders' counts: log faster "
                        "or sweep slower")
         blocks = np.array_split(inside, _BLOCKS)
-        yield Sweep(direction, *(np.array([x[b].mean() for b in blocks]) for x in (indirect, difference)))
+        yield GapSweep(direction, *(np.array([x[b].mean() for b in blocks]) for x in (indirect, difference)))
 
 
 def _model(x: Array, direction: int, fin: Array, reach: float) -> Array:
@@ -120,7 +120,7 @@ def _model(x: Array, direction: int, fin: Array, reach: float) -> Array:
     return difference
 
 
-def _drawings(sweeps: Sequence[Sweep], traces: Sequence[tuple[RecordFile, Array]], fit: Fit,
+def _drawings(sweeps: Sequence[GapSweep], traces: Sequence[tuple[RecordFile, Array]], fit: Fit,
               reach: float) -> Iterator[Drawing]:
     series = []
     for direction, word in DIRECTIONS:

@@ -27,9 +27,9 @@ from ...support.progress import Progress, silent
 from . import pictures
 from .estimation import SETTLED, Fit, Stretches, descend, solve, weighted_fit
 from .records import Array, RecordFile, longest, require
-from .replay import Comparison, columns_used, misspelt, read
 from .replay import Replay as Replay
-from .result import Estimate, Experiment, Identification
+from .replay import ReplayedOutput, columns_used, misspelt, read
+from .result import Estimate, Identification, IdentificationExperiment
 from .unknowns import Unknown, free_parameters
 
 METHOD = ("simulation error over all records, weighted by the noise of each output; 1 sigma from the covariance scaled "
@@ -61,7 +61,7 @@ class Calibration(Identification):
     """
 
     calibrated: ParameterSet
-    comparisons: Sequence[Comparison]
+    comparisons: Sequence[ReplayedOutput]
     undetermined: Sequence[tuple[str, ...]]
     at_bound: Sequence[str]
     stopped: bool
@@ -149,12 +149,12 @@ def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], ho
     faults = [*search.unsettled(), *_contradicted(fit, unknown), *replay.moving(fit.values, others),
               *_poor(comparisons), *_faults(replay, fit), *misspelt([*records, *others], base)]
     return Calibration(
-        Experiment("calibration", f"Calibration of {base.model}", [], [], (), ""), records, base, fit, estimates,
-        notes, lambda: _drawings(comparisons, fit), calibrated, comparisons, [*_undetermined(fit, unknown)],
+        IdentificationExperiment("calibration", f"Calibration of {base.model}", [], [], (), ""), records, base, fit,
+        estimates, notes, lambda: _drawings(comparisons, fit), calibrated, comparisons, [*_undetermined(fit, unknown)],
         at_bound, search.stopped, faults)
 
 
-def _correlation(times: Array, comparisons: Sequence[Comparison]) -> str:
+def _correlation(times: Array, comparisons: Sequence[ReplayedOutput]) -> str:
     """Return a note on the correlation `times` [samples] of the residuals, and on the errors beyond white noise."""
     ends = " to ".join(dict.fromkeys(f"{time:.3g}" for time in (times.min(), times.max())))
     return (f"Residuals are correlated over {ends} samples; white noise, over 1. Errors without white noise are up to "
@@ -297,7 +297,7 @@ def _contradicted(fit: Fit, free: Sequence[Unknown]) -> Iterator[str]:
                    "lacks")
 
 
-def _poor(comparisons: Sequence[Comparison]) -> Iterator[str]:
+def _poor(comparisons: Sequence[ReplayedOutput]) -> Iterator[str]:
     """Yield a message for each output whose error without noise exceeds a small share of its measured deviation."""
     for c in comparisons:
         if c.unexplained > _POOR:
@@ -338,7 +338,7 @@ def _drift(simulated: Array, error: Array, step: float, time: float) -> tuple[fl
     return float(drift), float(np.std(residual)) * sqrt(time) * float(np.linalg.norm(inverse[0]))
 
 
-def _drawings(compared: Sequence[Comparison], fit: Fit) -> Iterator[Drawing]:
+def _drawings(compared: Sequence[ReplayedOutput], fit: Fit) -> Iterator[Drawing]:
     """Yield a picture of each record, measured and simulated, then one of the residuals of the fitted records."""
     for (name, purpose), group in groupby(compared, key=lambda c: (c.record.name, c.use)):
         panels_of = list(group)

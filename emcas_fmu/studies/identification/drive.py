@@ -29,16 +29,16 @@ from ...plotting.plots import Drawing
 from . import pictures
 from .estimation import Fit, each, weighted_fit
 from .records import Array, RecordFile, distinct, read_records, refuse_clipped, refuse_magnitude, require
-from .result import Estimate, Experiment, Identification, estimates, require_certain
+from .result import Estimate, Identification, IdentificationExperiment, estimates, require_certain
 
-EXPERIMENT = Experiment(
+EXPERIMENT = IdentificationExperiment(
     "drive", "Drive: current gain, offset, transport delay and current loop", ("drive_reference", "motor_current"),
     ("motor_speed",), ("motor.resistance", "motor.inductance", "motor.back_emf_constant"), "A")
 NAMES = ("drive.current_gain", "drive.current_offset", "drive.transport_delay", "drive.kp", "drive.ki")
 GAIN, OFFSET, DELAY, KP, KI = range(5)
 
 FAST = 10.0  # smallest number of samples of the fastest record within the delay
-LONGEST_DELAY = 0.1  # s, upper limit of drive.transport_delay
+LONGEST_SEARCHED = 0.1  # s, upper limit of drive.transport_delay
 FEWEST_LEVELS = 3
 _SLOWEST = 1e-3  # s, longest sample interval of a fast record: longer than any current loop's time constant
 _LENGTH = 0.1  # smallest duration of the longest record, as a share of the integral's time constant
@@ -180,7 +180,7 @@ def _used(record: RecordFile, delay: float) -> NDArray[np.bool_]:
 def _delay(fast: Sequence[RecordFile], values: Mapping[str, Any]) -> float:
     """Return an initial delay [s]: the shift at which the reference explains the current best, minus the rise time."""
     step = min(r.step for r in fast)
-    shifts = np.arange(0.0, min(LONGEST_DELAY, 0.5 * min(len(r) * r.step for r in fast)), step)
+    shifts = np.arange(0.0, min(LONGEST_SEARCHED, 0.5 * min(len(r) * r.step for r in fast)), step)
     unexplained = np.zeros(len(shifts))
     for r in fast:
         current = r["motor_current"]

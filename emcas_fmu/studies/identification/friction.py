@@ -26,9 +26,9 @@ from ...units import RPM
 from . import motion, pictures
 from .estimation import Fit
 from .records import DIRECTIONS, Array, RecordFile, distinct, divided, read_records, require, sequences
-from .result import Estimate, Experiment, Identification, estimates, require_certain
+from .result import Estimate, Identification, IdentificationExperiment, estimates, require_certain
 
-EXPERIMENT = Experiment(
+EXPERIMENT = IdentificationExperiment(
     "friction", "Viscous and Coulomb friction", ("motor_angle", "motor_current", "temperature"), ("motor_speed",),
     ("motor.torque_constant", "inertia.motor", "inertia.screw", "kinematics.moment_arm", "screw.lead",
      *mechanics.HINGE_VISCOUS, *mechanics.HINGE_DRY), "N.m")
@@ -52,7 +52,7 @@ _PLAUSIBLE = 30.0  # ratio to the base set's friction beyond which a unit is pro
 _WORST_COULOMB, _WORST = 0.2, 0.5  # largest relative 1 sigma in a result: Coulomb friction, other parameters
 
 
-class Sweep(NamedTuple):
+class SteadySweep(NamedTuple):
     """Consecutive windows at constant `speed` [rad/s], in one `direction` (1, -1) and at one `temperature` [degC].
 
     `fin` is the fin angle [rad], `torque` the friction torque [N.m] in each window.
@@ -97,7 +97,7 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
     return Identification(EXPERIMENT, records, base, fit, parameters, notes, lambda: _drawings(sweeps, fit, values))
 
 
-def _sweeps(record: RecordFile, values: Mapping[str, Any]) -> list[Sweep]:
+def _sweeps(record: RecordFile, values: Mapping[str, Any]) -> list[SteadySweep]:
     """Return the sweeps in a record. Raises RecordError if there is none."""
     motion.check(record, values)
     temperature = record["temperature"]
@@ -128,8 +128,8 @@ def _sweeps(record: RecordFile, values: Mapping[str, Any]) -> list[Sweep]:
             if end - begin >= _FEWEST_WINDOWS:
                 inside = slice(begin + 1, end - 1)  # the first and the last window may overlap other motion
                 windows = a.at(inside)
-                sweeps.append(Sweep(direction, float(np.mean(direction * windows.speed)), float(np.mean(temperature)),
-                                    windows, fin[inside], torque[inside]))
+                sweeps.append(SteadySweep(direction, float(np.mean(direction * windows.speed)),
+                                          float(np.mean(temperature)), windows, fin[inside], torque[inside]))
     record.require(sweeps, "has no stretch at constant speed: " + (
         "the motion sticks and slips; sweep faster or stiffen the speed control" if slipping > _FEWEST_WINDOWS else
         f"{_FEWEST_WINDOWS} windows in a row within {_CONSTANT:.0%} of one speed are needed; sweep at constant speed "
@@ -137,7 +137,7 @@ def _sweeps(record: RecordFile, values: Mapping[str, Any]) -> list[Sweep]:
     return sweeps
 
 
-def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> None:
+def _require(sweeps: Sequence[SteadySweep], base: ParameterSet, keep_ratios: bool) -> None:
     """Raise RecordError if the sweeps lack a direction, speeds, part of the range or a temperature."""
     limit = float(base.values["command.limit"])
     for direction, word in DIRECTIONS:
@@ -169,7 +169,7 @@ def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> 
                 "needs at least two at each temperature")
 
 
-def _listed(sweeps: Sequence[Sweep], quantity: str) -> str:
+def _listed(sweeps: Sequence[SteadySweep], quantity: str) -> str:
     """Return the different speeds [rpm] or temperatures [degC] of sweeps as text."""
     numbers = [getattr(s, quantity) * (RPM if quantity == "speed" else 1.0) for s in sweeps]
     return ", ".join(f"{float(f'{x:.3g}'):g}" for x in distinct(numbers, 1.0 if quantity == "temperature" else 0.0))
@@ -221,7 +221,7 @@ def _band(fit: Fit, direction: str, fin: Array) -> Array:
     return band
 
 
-def _drawings(sweeps: Sequence[Sweep], fit: Fit, values: Mapping[str, Any]) -> Iterator[Drawing]:
+def _drawings(sweeps: Sequence[SteadySweep], fit: Fit, values: Mapping[str, Any]) -> Iterator[Drawing]:
     yield pictures.panels(
         "Coulomb friction against fin angle", (
             (f"{word} direction", _against_fin(direction, word, sweeps, fit, values))
@@ -237,7 +237,7 @@ def _drawings(sweeps: Sequence[Sweep], fit: Fit, values: Mapping[str, Any]) -> I
                              "fin angle [deg]", "residual torque [N.m]")
 
 
-def _against_fin(direction: int, word: str, sweeps: Sequence[Sweep], fit: Fit,
+def _against_fin(direction: int, word: str, sweeps: Sequence[SteadySweep], fit: Fit,
                  values: Mapping[str, Any]) -> Iterator[pictures.Series]:
     """Yield the friction of the slowest sweeps in a direction, warm and cold, minus the viscous friction."""
     slow = min(s.speed for s in sweeps if s.direction == direction)
@@ -253,7 +253,7 @@ def _against_fin(direction: int, word: str, sweeps: Sequence[Sweep], fit: Fit,
                               np.degrees(grid), model, 2.0 * _band(fit, word, grid) * model / warm)
 
 
-def _against_speed(sweeps: Sequence[Sweep], values: Mapping[str, Any]) -> Iterator[pictures.Series]:
+def _against_speed(sweeps: Sequence[SteadySweep], values: Mapping[str, Any]) -> Iterator[pictures.Series]:
     """Yield the mean friction of each sweep over speed, by direction and temperature, reduced to fin angle 0."""
     for (direction, word), t in product(DIRECTIONS, distinct([s.temperature for s in sweeps], 5.0)):
         if not (alike := [s for s in sweeps if s.direction == direction and abs(s.temperature - t) < 5.0]):

@@ -24,9 +24,9 @@ from . import motion, pictures
 from .estimation import Fit
 from .friction import COULOMB, VISCOUS
 from .records import DIRECTIONS, Array, RecordFile, divided, read_records, require, sequences
-from .result import Estimate, Experiment, Identification, estimates, require_certain
+from .result import Estimate, Identification, IdentificationExperiment, estimates, require_certain
 
-EXPERIMENT = Experiment(
+EXPERIMENT = IdentificationExperiment(
     "inertia", "Inertia", ("motor_angle", "motor_current"), ("motor_speed",),
     ("motor.torque_constant", "inertia.screw", "inertia.fin", "inertia.shaft", "inertia.fork", "mass.nut",
      "kinematics.moment_arm", "kinematics.initial_angle", "screw.lead"), "N.m")

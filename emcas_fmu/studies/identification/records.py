@@ -26,7 +26,7 @@ from ...units import UnitError, convert
 Array = NDArray[np.float64]
 T = TypeVar("T")
 
-QUANTITIES: Mapping[str, tuple[str, str]] = {
+COLUMNS: Mapping[str, tuple[str, str]] = {
     "time": ("s", "time of the sample"),
     "motor_angle": ("rad", "motor angle, zero at fin angle zero"),
     "motor_speed": ("rad/s", "motor speed"),
@@ -68,7 +68,7 @@ class RecordFile:
     columns: Mapping[str, Array]
     units: Mapping[str, str]
     sha256: str
-    quantities: Mapping[str, tuple[str, str]] = field(default_factory=lambda: QUANTITIES)
+    quantities: Mapping[str, tuple[str, str]] = field(default_factory=lambda: COLUMNS)
     unused: Sequence[str] = ()
 
     def __getitem__(self, name: str) -> Array:
@@ -93,7 +93,7 @@ class RecordFile:
 
 
 def read_records(paths: Sequence[Path], required: Sequence[str], optional: Sequence[str],
-                 quantities: Mapping[str, tuple[str, str]] = QUANTITIES) -> list[RecordFile]:
+                 quantities: Mapping[str, tuple[str, str]] = COLUMNS) -> list[RecordFile]:
     """Read ``time``, the `required` columns and existing `optional` columns from each file.
 
     Raises RecordError for the first unusable file, and for files with the same contents.

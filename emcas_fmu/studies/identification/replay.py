@@ -35,7 +35,7 @@ _COPIES, _SPREAD = 8, 1e-4  # initial angles whose mean response is compared: nu
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ReplayedOutput:
     """An output of a record, measured and simulated [display unit], and whether the record was held out."""
 
     record: RecordFile
@@ -197,7 +197,7 @@ class Replay:
             **changes, _START: columns[-1] + np.tile(offsets, len(points)), **fixed}, names)
         return [runs.columns[name].reshape(-1, len(offsets), len(record)).mean(axis=1) for name in names]
 
-    def comparisons(self, values: Array, others: Sequence[RecordFile]) -> Iterator[Comparison]:
+    def comparisons(self, values: Array, others: Sequence[RecordFile]) -> Iterator[ReplayedOutput]:
         """Yield the comparisons of all records, then of the records held out, `others`, at the unknowns' `values`.
 
         Simulations of `others` start at the first measured fin angle. Raises RecordError for a simulation that fails.
@@ -208,7 +208,7 @@ class Replay:
                 record.require(np.isfinite(of_output).all(), f"cannot be simulated to its end with the fitted values: "
                                f"{v.name} is not finite; give narrower bounds")
                 scale = factor(v.unit, display(v)) if display(v) else 1.0
-                yield Comparison(record, v, record in others, record[v.name] * scale, of_output * scale)
+                yield ReplayedOutput(record, v, record in others, record[v.name] * scale, of_output * scale)
 
     def moving(self, values: Array, others: Sequence[RecordFile]) -> Iterator[str]:
         """Yield a message for each record that does not begin at rest, as the simulation does.

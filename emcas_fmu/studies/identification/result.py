@@ -54,7 +54,7 @@ def require_certain(estimates: Iterable[Estimate], worst: float, remedy: str) ->
 
 
 @dataclass(frozen=True)
-class Experiment:
+class IdentificationExperiment:
     """An experiment: its `required` and `optional` columns, the `assumed` parameters, and the `unit` of residuals."""
 
     kind: str
@@ -69,7 +69,7 @@ class Experiment:
 class Identification:
     """The result of an experiment; `drawings` returns its plots."""
 
-    experiment: Experiment
+    experiment: IdentificationExperiment
     records: Sequence[RecordFile]
     base: ParameterSet
     fit: Fit

@@ -18,18 +18,18 @@ from ...bench.conditions import conditions
 from ...bench.excitation import Excitation
 from ...bench.requirements import Requirement, Specification
 from ...bench.runs import StoppedError
-from ...bench.subject import ANGLE_KNOWN, Identification, Subject
+from ...bench.subject import ANGLE_KNOWN, Identity, Subject
 from ...bench.verdict import Judged
 from ...errors import EmcasError, hint
 from ...motions import STEP
 from ...pages.credibility import CONVERGENCE, INPUTS, ROBUSTNESS, TEST_INPUTS, VERIFICATION, Card, Fact
 from ...pages.page import stated, write_page
 from ...pages.terminal import table
-from ...parameters import load_parameters
+from ...parameters import Scalar, load_parameters
 from ...parameters.schema import unknown
 from ...support.progress import Progress, silent
 from . import accuracy, budget, mission, responses, stiffness
-from .outcome import Outcome, Quantity, Rig, Value, bound
+from .outcome import Outcome, Quantity, Rig
 from .pictures import pictures
 
 SCHEMA = "emcas-acceptance/3"
@@ -48,7 +48,7 @@ TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome], tuple[Quantity, ...]]] 
 
 
 @dataclass(frozen=True)
-class Result:
+class Acceptance:
     """The result of an acceptance test.
 
     `load` is the hinge moment [N.m] of the tests, `rated_load` that of the requirements. `loads` are the moments [N.m]
@@ -56,7 +56,7 @@ class Result:
     do not apply to the tests.
     """
 
-    about: Identification
+    about: Identity
     load: float
     rated_load: float
     card: Card
@@ -94,7 +94,7 @@ class Result:
 
 
 def carry_out(subject: Subject, *, load: float | None = None, profile: Excitation | None = None,
-              specification: Specification | None = None, progress: Progress = silent) -> Result:
+              specification: Specification | None = None, progress: Progress = silent) -> Acceptance:
     """Carry out every test, and judge the subject by a specification, the shipped one by default.
 
     `load` replaces the rated hinge moment [N.m] of the requirements, `profile` the synthetic mission profile.
@@ -121,14 +121,14 @@ def carry_out(subject: Subject, *, load: float | None = None, profile: Excitatio
             outcomes[name] = replace(outcome, name=name, title=title, quantities=quantities,
                                      not_applicable={**outcome.not_applicable, **lacking})
     progress("done", total, total)
-    return Result(subject.identification, rig.load, chosen.rated_load, _card(card, outcomes), outcomes, tuple(
+    return Acceptance(subject.identification, rig.load, chosen.rated_load, _card(card, outcomes), outcomes, tuple(
         _of_report(j, outcomes, chosen.file, of_report[j.name].optional) if j.name in of_report else j for j in judged),
         subject.values, subject.model, {r.name: abs(r.test.torque) for r in chosen.requirements
                                         if r.test and r.test.torque},
         frozenset(r.name for r in chosen.requirements if r.test and r.test.supply != 1.0))
 
 
-def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
+def flat_figures(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Scalar]]:
     """Yield every figure as ``test.group.figure``."""
     for test, outcome in outcomes.items():
         for name, group in outcome.groups.items():
@@ -163,7 +163,7 @@ def _check_figure(r: Requirement, file: str) -> None:
 
 def _of_report(judged: Judged, outcomes: Mapping[str, Outcome], file: str, optional: bool) -> Judged:
     """Return the verdict on a requirement on a figure of the report. Raises EmcasError if it is not a number."""
-    figures, (test, group, key) = dict(flat(outcomes)), judged.figure.split(".")
+    figures, (test, group, key) = dict(flat_figures(outcomes)), judged.figure.split(".")
     outcome, value = outcomes[test], figures.get(judged.figure)
     if outcome.stopped or key in outcome.not_applicable:
         return replace(judged, note=outcome.stopped or f"not applicable: {outcome.not_applicable[key]}",
@@ -176,10 +176,10 @@ def _of_report(judged: Judged, outcomes: Mapping[str, Outcome], file: str, optio
     finite = isfinite(value)
     return replace(judged, measured=value if finite else None, note="" if finite else "it is not reached",
                    skipped=False, how=f"{outcome.title}, {outcome.groups[group].label}: {how}",
-                   beyond=bool(bound(key, value)))
+                   beyond=key.startswith("bandwidth") and bool(outcome.groups[group].bounds[key]))
 
 
-def summary(result: Result) -> Iterator[RenderableType]:
+def summary(result: Acceptance) -> Iterator[RenderableType]:
     """Yield the subject, the requirements and headline figures as tables, then notes and the verdict."""
     notes = [result.load_note] if result.load_note else []
     notes += [f"{outcome.title}: {note}" for outcome in result.outcomes.values() for note in outcome.remarks]
@@ -189,7 +189,7 @@ def summary(result: Result) -> Iterator[RenderableType]:
                            "; ".join(result.verdict))
 
 
-def as_dict(result: Result, date: str = "") -> dict[str, Any]:
+def as_dict(result: Acceptance, date: str = "") -> dict[str, Any]:
     """Return the result for JSON: figures, curves, methods and requirements, without time series."""
     outcomes = result.outcomes
     return {
@@ -206,7 +206,7 @@ def as_dict(result: Result, date: str = "") -> dict[str, Any]:
     }
 
 
-def write_junit(result: Result, path: Path) -> None:
+def write_junit(result: Acceptance, path: Path) -> None:
     """Write a test case for each requirement and each test."""
     writers.write_junit("emcas report", {
         "requirements": [j.junit_case("emcas.requirement") for j in result.judged],
@@ -214,7 +214,7 @@ def write_junit(result: Result, path: Path) -> None:
                            for name, outcome in result.outcomes.items()]}, path)
 
 
-def write_report(result: Result, path: Path, date: str = "", document: str = "", revision: str = "") -> None:
+def write_report(result: Acceptance, path: Path, date: str = "", document: str = "", revision: str = "") -> None:
     """Write the page, with number and revision of the document; same result, command and date give the same bytes."""
     homed = [("homing required, in runs without the input home", name, value, "") for name, value in ANGLE_KNOWN.items()
              if name in result.parameters]

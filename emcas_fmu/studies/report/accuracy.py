@@ -11,19 +11,17 @@ from math import degrees, inf, nan, radians, sqrt, tan
 
 import numpy as np
 
-from ...actuators import NONLINEAR, capabilities, parts
+from ...actuators import capabilities
 from ...bench.excitation import HOLD, of_case, staircase
 from ...bench.measure import columns
 from ...bench.metrics import ACCURACY, bidirectional
-from ...bench.requirements import Case
 from ...bench.subject import Subject
 from ...control import sensors
 from ...ops.floats import FLOATS
-from ...parameters import load_parameters, shipped_file
 from ...physics import kinematics
 from ...reference import files
-from ..tuning.study import shipped_cases
-from .outcome import Array, Group, Outcome, Quantity, Rig
+from ...simulation import Array
+from .outcome import FigureGroup, Outcome, Quantity, Rig
 
 INTERVALS = 8  # between the angles of the grid
 CYCLES = 5  # up and down
@@ -49,37 +47,22 @@ THRESHOLD = tuple(
     Quantity(f"{side}_deg", f"smallest step of the command in the {side} direction that the fin answers", side)
     for side in ("positive", "negative"))
 
-CASES = ("step", "load_opposing", "cold", "sag")
+STEPPING_CASES = ("step", "load_opposing", "cold", "sag")
 SHORTER = 4.0  # factor between the two ticks
 _TICK = "solver.max_tick"
 STEPPING = (Quantity("fin_angle_deg", "largest difference between both fin angles, read every 1 ms", "fin angle"),)
 
 
-def tolerances(rig: Rig) -> tuple[list[Case], str]:
-    """Return the cases that change only deviations of the actuator as built, and their file.
-
-    The file is that of the requirements, otherwise the actuator's tuning study; empty if neither has such a case.
-    """
-    kind = parts(rig.subject.model)[0]
-    has_study = shipped_file("tuning", kind).stem == kind
-    study_cases = shipped_cases(load_parameters(model=kind if has_study else NONLINEAR))
-    for file, cases in ((rig.requirements.file, rig.requirements.cases),
-                        (f"models/tuning{f'/{kind}' * has_study}.toml", study_cases)):
-        if found := [case for case in cases if case.values and all(n.startswith("deviation.") for n in case.values)]:
-            return found, file
-    return [], ""
-
-
 def static(rig: Rig) -> Outcome:
     """Measure the errors on the grid, `CYCLES` times up and down, without and with each tolerance."""
-    (cases, file), targets = tolerances(rig), np.linspace(-rig.limit, rig.limit, INTERVALS + 1)
+    (cases, file), targets = rig.tolerances, np.linspace(-rig.limit, rig.limit, INTERVALS + 1)
     variants = {"grid": {}, **{
         case.name: case.values for case in cases if case.values.keys() <= rig.subject.values.keys()}}
     # Each cycle goes up from the lowest target and down again. The lowest target is approached from above only.
     levels = targets[[0, *[*range(1, INTERVALS + 1), *range(INTERVALS - 1, -1, -1)] * CYCLES]]
     grid = staircase(np.radians(levels).tolist(), (HOLD,) * len(levels), step=GRID_STEP)
     runs = rig.subject.run_all(grid, columns(rig.subject, list(variants.values())), ["fin_angle"])
-    groups = dict[str, Group]()
+    groups = dict[str, FigureGroup]()
     for k, name in enumerate(variants):
         angle = np.degrees(runs[k].finished()["fin_angle"])[1:].reshape(len(levels), -1)
         means = np.mean(angle[:, -round(LAST / GRID_STEP):], axis=1)
@@ -88,7 +71,7 @@ def static(rig: Rig) -> Outcome:
         errors[0, 1:], errors[1, :-1] = up.T, down[:, ::-1].T
         measured = bidirectional(*errors)
         below, above = measured["means"]
-        groups[name] = Group(
+        groups[name] = FigureGroup(
             f"{name.replace('_', ' ')} (estimates)" if k else f"{len(targets)} angles",
             {q.key: measured[q.key.removesuffix("_deg")] for q in STATIC}, STATIC[:1 if k else 3],
             {"command_deg": targets, "error_from_below_deg": below, "error_from_above_deg": above,
@@ -101,7 +84,7 @@ def static(rig: Rig) -> Outcome:
         * (len(variants) > 1), groups)
 
 
-def count(subject: Subject) -> tuple[float, str]:
+def detected_motion(subject: Subject) -> tuple[float, str]:
     """Return the smallest detected motion [rad] and its description.
 
     It is one encoder count at the fin, where a count is largest, if the shared encoder is on the fin or on the motor of
@@ -133,7 +116,7 @@ def smallest(moves: Callable[[float], bool], low: float, high: float, ratio: flo
     return high
 
 
-def advance(angle: Array, before: int, direction: float) -> float:
+def motion_beyond(angle: Array, before: int, direction: float) -> float:
     """Return the motion [rad] beyond the previous range of the angle in a direction (1, -1) after row `before`.
 
     The previous range is that of as many rows before: hunting between two counts, for example, is not a response.
@@ -145,7 +128,7 @@ def advance(angle: Array, before: int, direction: float) -> float:
 
 def threshold(rig: Rig) -> Outcome:
     """Measure the smallest steps that the fin answers: from rest, after a reversal, and on in the same direction."""
-    (detected, detected_as), moved = count(rig.subject), min(MOVED_TO, 0.5 * rig.limit)
+    (detected, detected_as), moved = detected_motion(rig.subject), min(MOVED_TO, 0.5 * rig.limit)
     lowest = 0.5 * detected  # of the search
 
     def smallest_step(direction: float, before: float, settle: float) -> float:
@@ -153,7 +136,7 @@ def threshold(rig: Rig) -> Outcome:
 
         def motion(size: float) -> float:
             stairs = staircase((begin, begin + direction * size), (settle, WITHIN), step=STEP)
-            return advance(rig.run(stairs).columns["fin_angle"], round(settle / STEP), direction)
+            return motion_beyond(rig.run(stairs).columns["fin_angle"], round(settle / STEP), direction)
 
         creep = max(motion(0.0), 0.0)
 
@@ -163,11 +146,11 @@ def threshold(rig: Rig) -> Outcome:
 
         return degrees(smallest(moves, lowest, 0.5 * rig.subject.command_limit))
 
-    def group(label: str, before: float, settle: float) -> Group:
+    def group(label: str, before: float, settle: float) -> FigureGroup:
         sizes = {q.key: smallest_step(direction, before, settle)
                  for q, direction in zip(THRESHOLD, (1.0, -1.0), strict=True)}
-        return Group(label, sizes, THRESHOLD, bounds={key: "≤ " for key, size in sizes.items()
-                                                      if size <= degrees(lowest)})
+        return FigureGroup(label, sizes, THRESHOLD, bounds={key: "≤ " for key, size in sizes.items()
+                                                            if size <= degrees(lowest)})
 
     return Outcome(
         f"The fin answers a step of the command if it moves by {degrees(detected):.4f} deg in the step's direction "
@@ -189,11 +172,11 @@ def stepping(rig: Rig) -> Outcome:
     tick = float(actuator.longest_tick(FLOATS, actuator.namespace(values)))
     for case in files.cases(subject.model, values):
         excitation = of_case(case.title, case.inputs(), case.step, case.overrides)
-        if case.name in CASES and not subject.obstacle(excitation):
+        if case.name in STEPPING_CASES and not subject.obstacle(excitation):
             one, other = (rig.run(excitation.with_start_values(changed)).columns["fin_angle"]
                           for changed in ({}, {_TICK: tick / SHORTER}))
             difference = float(np.degrees(np.max(np.abs(one - other))))
-            groups[case.name] = Group(case.title, {"fin_angle_deg": difference}, STEPPING)
+            groups[case.name] = FigureGroup(case.title, {"fin_angle_deg": difference}, STEPPING)
     return Outcome(
         f"Reference cases with true angle and speed fed back, run with ticks of at most {1e3 * tick:.3g} ms, as set, "
         f"and of at most {1e3 * tick / SHORTER:.3g} ms ({_TICK}). The difference shows the error of the stepping in "

@@ -22,13 +22,14 @@ from ...bench.measure import columns
 from ...bench.metrics import ACCURACY, bidirectional, hold_figures, shown
 from ...bench.requirements import Requirement
 from ...bench.runs import StoppedError
-from ...motions import KINDS
+from ...motions import EXCITATIONS
 from ...pages.numbers import rounded
+from ...simulation import Array
 from ..campaign.distributions import Distribution
 from ..campaign.quantiles import Chance, percentiles
 from ..campaign.study import hypercube
-from .accuracy import GRID_STEP, MOVED_TO, tolerances
-from .outcome import Array, Group, Outcome, Quantity, Rig
+from .accuracy import GRID_STEP, MOVED_TO
+from .outcome import FigureGroup, Outcome, Quantity, Rig
 
 TARGETS = 5  # commands over the range
 BEFORE = 1.0  # s, of the hold from which a command is approached
@@ -58,7 +59,7 @@ def imperfections(rig: Rig) -> list[Term]:
 
 def limits(rig: Rig) -> dict[str, tuple[float, float]]:
     """Return the smallest and largest value [SI] of every parameter with a tolerance; either may be the nominal one."""
-    values, (cases, _) = rig.subject.values, tolerances(rig)
+    values, (cases, _) = rig.subject.values, rig.tolerances
     names = dict.fromkeys(name for case in cases for name in case.values if name in values)
     ends = {name: [values[name], *(case.values[name] for case in cases if name in case.values)] for name in names}
     if capabilities.AMBIENT_TEMPERATURE in rig.subject.actuator.provides and values.keys() >= {*_RANGE}:
@@ -82,7 +83,7 @@ def toleranced(rig: Rig) -> list[Term]:
 def required(rig: Rig, loaded: bool) -> Requirement | None:
     """Return the requirement on the error held after the largest step, with or without a load; None without one."""
     held = [r for r in rig.requirements.requirements if r.figure == "held_error" and r.test and r.maximum
-            and r.test.kind in KINDS and KINDS[r.test.kind].jumps and bool(r.test.torque) is loaded]
+            and r.test.kind in EXCITATIONS and EXCITATIONS[r.test.kind].jumps and bool(r.test.torque) is loaded]
     return max(held, key=lambda r: r.test.amplitude if r.test else 0.0, default=None)
 
 
@@ -169,11 +170,11 @@ def measure(rig: Rig) -> Outcome:
     as_set = found.pop("as_set")
     labels = {"loop": "loop: mean of both sides of approach", "friction": "friction: half the difference of the sides",
               **{term.name: term.label for term in (*own, *built)}}
-    groups = {name: Group(labels[name], figures) for name, figures in found.items()}
+    groups = {name: FigureGroup(labels[name], figures) for name, figures in found.items()}
 
     def total(name: str, label: str, values: Iterable[Any], headline: bool = False) -> None:
         figures = {q.key: float(value) for q, value in zip(QUANTITIES, values, strict=True)}
-        groups[name] = Group(label, figures, QUANTITIES * headline)
+        groups[name] = FigureGroup(label, figures, QUANTITIES * headline)
 
     sums = [[figures[q.key] for figures in found.values()] for q in QUANTITIES]
     total("worst_case", "worst case: sum", [np.sum(terms) for terms in sums], True)
@@ -197,7 +198,7 @@ def measure(rig: Rig) -> Outcome:
         "drawn uniformly between their limits, hold one drawn command each; the error of a sample is its largest over "
         "the last third.",
         groups, (*notes, *_limitations(rig, own)), tall=True,
-        estimate=f"The tolerances in {tolerances(rig)[1]} are estimates." if built else "")
+        estimate=f"The tolerances in {rig.tolerances[1]} are estimates." if built else "")
 
 
 def _limitations(rig: Rig, own: Sequence[Term]) -> Iterator[str]:
@@ -211,5 +212,5 @@ def _limitations(rig: Rig, own: Sequence[Term]) -> Iterator[str]:
     if missing := [name for name in known if name not in {term.label for term in own}]:
         yield f"Not in the budget, as this article has none: {', '.join(missing)}."
     if unknown := [name for name in rig.subject.actuator.nominal if name not in bounds]:
-        file = tolerances(rig)[1] or "models/tuning"
+        file = rig.tolerances[1] or "models/tuning"
         yield f"Not in the budget, as {file} has no tolerance of {', '.join(unknown)}."

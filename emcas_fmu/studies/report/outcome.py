@@ -8,18 +8,18 @@ from functools import cached_property
 from math import degrees
 from typing import Any, NamedTuple
 
-from numpy.typing import NDArray
-
+from ...actuators import NONLINEAR, parts
 from ...bench import measure
 from ...bench.excitation import Excitation
 from ...bench.metrics import FIGURES, figures_of, in_words, result_name, unit_of
-from ...bench.requirements import Specification, load_requirements
+from ...bench.requirements import Case, Specification, load_requirements
 from ...bench.runs import Run
 from ...bench.subject import Subject
 from ...pages.numbers import with_unit
+from ...parameters import Scalar, load_parameters, shipped_file
+from ...simulation import Array
+from ..tuning.study import shipped_cases
 
-Array = NDArray[Any]
-Value = float | bool
 RECORDED = measure.recorded(figures_of("jump", "usage"))
 _LABELS = {"bandwidth_3db": "-3 dB", "bandwidth_90deg": "-90 deg"}
 
@@ -41,6 +41,21 @@ class Rig:
     def requirements(self) -> Specification:
         """The requirements by which the subject is judged."""
         return self.specification or load_requirements(None, self.subject.parameters)
+
+    @cached_property
+    def tolerances(self) -> tuple[list[Case], str]:
+        """The cases that change only deviations of the actuator as built, and their file.
+
+        The file is that of the requirements, otherwise the actuator's tuning study; empty if neither has such a case.
+        """
+        kind = parts(self.subject.model)[0]
+        has_study = shipped_file("tuning", kind).stem == kind
+        study_cases = shipped_cases(load_parameters(model=kind if has_study else NONLINEAR))
+        for file, cases in ((self.requirements.file, self.requirements.cases),
+                            (f"models/tuning{f'/{kind}' * has_study}.toml", study_cases)):
+            if found := [c for c in cases if c.values and all(name.startswith("deviation.") for name in c.values)]:
+                return found, file
+        return [], ""
 
     @property
     def load(self) -> float:
@@ -79,13 +94,8 @@ def quantities(*runs: str) -> tuple[Quantity, ...]:
     return tuple(map(quantity, figures_of(*runs)))
 
 
-def bound(key: str, value: Value) -> str:
-    """Return the sign ``< `` or ``> `` before a bandwidth beyond the range of the search; otherwise empty."""
-    return measure.bound(value) if key.startswith("bandwidth") else ""
-
-
 @dataclass(frozen=True)
-class Group:
+class FigureGroup:
     """The figures under the motion, load or condition that `label` names; a figure without a value is nan.
 
     `headline` are the figures for the summary. `curve` is for the JSON file, `data` (a run or arrays) only for the
@@ -93,7 +103,7 @@ class Group:
     """
 
     label: str
-    figures: Mapping[str, Value]
+    figures: Mapping[str, Scalar]
     headline: tuple[Quantity, ...] = ()
     curve: Mapping[str, Array] = field(default_factory=dict)
     data: Any = field(default=None, repr=False)
@@ -103,7 +113,7 @@ class Group:
         """Return a figure with its unit as text; empty if the group does not have it."""
         if (value := self.figures.get(q.key)) is None:
             return ""
-        return (self.bounds.get(q.key) or bound(q.key, value)) + with_unit(value, unit_of(q.key))
+        return self.bounds.get(q.key, "") + with_unit(value, unit_of(q.key))
 
 
 @dataclass(frozen=True)
@@ -116,7 +126,7 @@ class Outcome:
     """
 
     method: str
-    groups: Mapping[str, Group] = field(default_factory=dict)
+    groups: Mapping[str, FigureGroup] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     estimate: str = ""
     stopped: str = ""
@@ -127,7 +137,7 @@ class Outcome:
     tall: bool = False
 
     @property
-    def figures(self) -> dict[str, Mapping[str, Value]]:
+    def figures(self) -> dict[str, Mapping[str, Scalar]]:
         """The figures by group: {"plus_20deg": {"rise_time_s": ...}}."""
         return {name: group.figures for name, group in self.groups.items()}
 
@@ -153,9 +163,9 @@ class Outcome:
                     for why in self.not_applicable.values()}
         return [*self.notes, *(f"Not applicable: {', '.join(each)} ({why})." for why, each in left_out.items())]
 
-    def tables(self) -> list[tuple[list[Quantity], list[Group]]]:
+    def tables(self) -> list[tuple[list[Quantity], list[FigureGroup]]]:
         """Return the quantities and groups of each table; groups with the same first figure share a table."""
-        tables: dict[str, list[Group]] = {}
+        tables: dict[str, list[FigureGroup]] = {}
         for group in self.groups.values():
             tables.setdefault(next(iter(group.figures)), []).append(group)
         return [([q for q in self.quantities if any(q.key in group.figures for group in table)], table)

@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...bench.excitation import COMMAND, HOLD, LOAD
-from ...bench.measure import bound
 from ...bench.metrics import ACCURACY
 from ...bench.verdict import Judged
 from ...pages.numbers import with_unit
@@ -69,8 +68,7 @@ def _steps(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
 
 def _bode(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
     figure = plots.frequency_responses(
-        ((group.data, tuple(nan if bound(value) else float(value) for value in
-                            (group.figures["bandwidth_3db_hz"], group.figures["bandwidth_90deg_hz"])),
+        ((group.data, tuple(nan if sign else float(group.figures[key]) for key, sign in group.bounds.items()),
           {"color": color, "label": group.label})
          for group, color in zip(outcome.groups.values(), plots.COLORS, strict=False)), limits)
     return figure, "Fundamental of fin angle over command; the dots mark -3 dB and -90 deg."

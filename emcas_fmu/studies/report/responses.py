@@ -8,10 +8,10 @@ import numpy as np
 
 from ...bench.excitation import HOLD, Excitation, step_to, sweep
 from ...bench.frequency_response import SWEPT, sweep_response
-from ...bench.measure import BANDWIDTHS, Test, excitation, sweep_figures
-from ...bench.metrics import displayed, motion
+from ...bench.measure import BANDWIDTHS, TESTS, Test, bound, excitation, sweep_figures
+from ...bench.metrics import displayed, motion_figures
 from ...motions import LOAD_RISE, SETTLE, SWEEP
-from .outcome import Group, Outcome, Quantity, Rig, quantities, quantity
+from .outcome import FigureGroup, Outcome, Quantity, Rig, quantities, quantity
 
 SIZES = (1.0, 5.0, 10.0)  # deg, of the steps; a step to the end of the range is added
 DURATION = 1.0  # s, of a slew after the command
@@ -35,10 +35,10 @@ def steps(rig: Rig) -> Outcome:
          for size in sizes for sign, side in (("plus", 1.0), ("minus", -1.0))})
 
 
-def _group(rig: Rig, label: str, excited_by: Excitation, headline: tuple[Quantity, ...]) -> Group:
+def _group(rig: Rig, label: str, excited_by: Excitation, headline: tuple[Quantity, ...]) -> FigureGroup:
     """Return the group with the figures of the last step of the command."""
     run = rig.run(excited_by)
-    return Group(label, displayed(motion(run, -1)), headline, data=run)
+    return FigureGroup(label, displayed(motion_figures(run, -1)), headline, data=run)
 
 
 def frequency(rig: Rig) -> Outcome:
@@ -54,10 +54,11 @@ def frequency(rig: Rig) -> Outcome:
         elif isnan(measured["bandwidth_3db"]):
             notes.append(f"At {amplitude:g} deg there is no bandwidth: the fin angle is not a sine of the command's "
                          "frequency.")
-        groups[name] = Group(
+        groups[name] = FigureGroup(
             f"{amplitude:g} deg", displayed(measured), FREQUENCY[:2],
             {"frequency_hz": response.frequency, "gain_db": response.gain_db, "phase_deg": np.degrees(response.phase),
-             "coherence": response.coherence}, response)
+             "coherence": response.coherence}, response,
+            {f"{name}_hz": bound(measured[name]) for name in TESTS["sine"].figures})
     return Outcome(
         "The describing function: the fundamental of the fin angle over that of the command, by amplitude. Bandwidths "
         "are measured with sines about 0 deg without load, by bisection of the frequency between "

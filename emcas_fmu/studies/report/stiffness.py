@@ -11,8 +11,10 @@ from ...bench.frequency_response import fundamental, held
 from ...bench.measure import Test, obstacle
 from ...bench.metrics import breakaway
 from ...motions import STEP
+from ...parameters import Scalar
+from ...simulation import Array
 from .accuracy import smallest
-from .outcome import Array, Group, Outcome, Quantity, Rig, Value
+from .outcome import FigureGroup, Outcome, Quantity, Rig
 
 FREQUENCIES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)  # Hz
 CYCLES = 6.0  # fitted cycles of a sine
@@ -79,15 +81,15 @@ def _breakaway(rig: Rig, sign: float) -> float:
 
 def measure(rig: Rig) -> Outcome:
     """Measure the breakaway moment, then the stiffness: powered, and unpowered below and above breakaway."""
-    groups, notes = dict[str, Group](), list[str]()
+    groups, notes = dict[str, FigureGroup](), list[str]()
     if why := obstacle(Test("load", torque=rig.load), "peak_angle", rig.subject):
         return Outcome("Not measured.", not_applicable={q.key: why for q in QUANTITIES})
     loads: dict[str, tuple[str, float, tuple[Quantity, ...]]] = {
         "powered": ("Powered", 0.5 * rig.load, (_LEAST, _MARKS[10.0]))}
     if "enable" in rig.subject.inputs:
         broke = [_breakaway(rig, sign) for sign in (1.0, -1.0)]
-        groups["breakaway"] = Group("Breakaway moment, unpowered",
-                                    {q.key: moment for q, moment in zip(_SIDES, broke, strict=True)}, _SIDES)
+        groups["breakaway"] = FigureGroup("Breakaway moment, unpowered",
+                                          {q.key: moment for q, moment in zip(_SIDES, broke, strict=True)}, _SIDES)
         if stays := bool(np.isnan(broke).any()):
             notes.append(f"Unpowered, the fin does not move on under the rated load of {rig.load:g} N.m in at least "
                          "one direction: there is no unpowered stiffness above breakaway.")
@@ -105,14 +107,14 @@ def measure(rig: Rig) -> Outcome:
         stiffness, locked, stops = sweep(rig, amplitude, name == "powered")
         size = np.abs(stiffness)
         moved, curve = ~np.isnan(size), dict[str, Array]()
-        figures: dict[str, Value] = {"load_amplitude_n_m": amplitude, "friction_locked": locked}
+        figures: dict[str, Scalar] = {"load_amplitude_n_m": amplitude, "friction_locked": locked}
         if moved.any():
             least = int(np.nanargmin(size))
             figures |= {_LEAST.key: float(size[least]), "least_stiffness_at_hz": float(at[least])}
             figures |= {q.key: float(size[at == frequency][0]) for frequency, q in _MARKS.items()}
             curve = {"frequency_hz": at[moved], "stiffness_n_m_per_rad": size[moved],
                      "phase_deg": np.degrees(np.angle(stiffness[moved]))}
-        groups[name] = Group(label, figures, headline, curve)
+        groups[name] = FigureGroup(label, figures, headline, curve)
         if locked:
             notes.append(f"{label}, {amplitude:.3g} N.m: friction-locked. The fin does not move at any frequency.")
         if stops:

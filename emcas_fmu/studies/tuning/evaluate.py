@@ -12,6 +12,7 @@ from pathlib import Path
 from ...bench import verdict
 from ...bench.requirements import Requirement
 from ...bench.subject import ParameterSubject
+from ...pages.numbers import percent
 from ...support.writing import append, write
 from .study import Study, StudyError
 
@@ -65,6 +66,11 @@ class Evaluation:
             if j.requirement not in worst or j.share > worst[j.requirement].share:
                 worst[j.requirement] = j
         return worst
+
+
+def margin_text(margin: float) -> str:
+    """Return a margin [1] as text, marked as a bound if the share of the limit is HOPELESS."""
+    return percent(margin) + " or less" * (margin <= 1.0 - HOPELESS)
 
 
 def share(requirement: Requirement, measured: float) -> float:

@@ -27,7 +27,7 @@ from ...errors import EmcasError
 from ...parameters import ParameterSet
 from ...runtime import library
 from ...support.progress import Progress, silent, uninterrupted
-from .evaluate import HOPELESS, Evaluation, Journal, evaluate
+from .evaluate import Evaluation, Journal, evaluate, margin_text
 from .study import Study, Tunable
 
 _DIGITS = 3  # significant digits of returned gains: as many as a person would set
@@ -45,7 +45,7 @@ _Map = Callable[..., Iterable[list[Evaluation]]]
 
 
 @dataclass(frozen=True)
-class Result:
+class Tuning:
     """The result of a search; gains are in SI."""
 
     study: Study
@@ -113,7 +113,7 @@ def neighbours(gains: Gains, study: Study) -> list[Gains]:
 
 
 def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, journal: Journal | None = None,
-         progress: Progress = silent) -> Result:
+         progress: Progress = silent) -> Tuning:
     """Search for the gains with the smallest objective, and return the result.
 
     The candidates are the initial gains, and the best gains of the search after rounding if they are not worse. Each
@@ -153,7 +153,7 @@ def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, j
         search.map, search.workers = map, 1
         returned, nearby, _ = _choose(search, initial, _candidates(evaluations, study, _HURRIED))
         stopped = True
-    return Result(study, seed, returned, initial, nearby, tuple(evaluations), tuple(search.history), stopped)
+    return Tuning(study, seed, returned, initial, nearby, tuple(evaluations), tuple(search.history), stopped)
 
 
 def _candidates(evaluations: Iterable[Evaluation], study: Study, count: int) -> list[Gains]:
@@ -228,9 +228,8 @@ class _Search:
         self._done += generations
         self.history.append(self.best.objective)
         worst = self.best.worst
-        below = " or less" * (worst.share >= HOPELESS)
         self._progress(f"{stage} search, worst requirement {worst.requirement} with a margin of "
-                       f"{100.0 * worst.margin:.1f} %{below}", min(self._done, self._total), self._total)
+                       f"{margin_text(worst.margin)}", min(self._done, self._total), self._total)
 
 
 def _prepare_worker() -> None:

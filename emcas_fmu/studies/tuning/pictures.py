@@ -12,16 +12,16 @@ from scipy.stats import spearmanr
 
 from ...bench.measure import Test, response
 from ...bench.subject import ParameterSubject
-from ...plotting.plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, column, figure, legend, panels
+from ...plotting.plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, column, figure, legend, panel_grid
 from .evaluate import HOPELESS, Evaluation
-from .optimise import Result
+from .optimise import Tuning
 
 _LEVEL: Mapping[str, Any] = {"color": VERMILLION, "linewidth": 0.7, "linestyle": "--"}
 _SHOWN = 1.0  # s, longest plotted time: longer than any settling time of interest
 _NEAR = 1.6  # largest objective at which evaluations are used to find conflicts, as a multiple of the best objective
 
 
-def drawings(result: Result, pair: tuple[str, str] | None = None) -> Iterator[Drawing]:
+def drawings(result: Tuning, pair: tuple[str, str] | None = None) -> Iterator[Drawing]:
     """Yield the pictures of a result; `pair` are the requirements of the trade-off (default: the most conflicting)."""
     if moves := list(dict.fromkeys(
             r.test for r in result.study.requirements if r.test and r.test.kind in ("step", "slew"))):
@@ -31,10 +31,10 @@ def drawings(result: Result, pair: tuple[str, str] | None = None) -> Iterator[Dr
         yield trade(result, *conflicting)
 
 
-def responses(result: Result, moves: Sequence[Test]) -> Drawing:
+def responses(result: Tuning, moves: Sequence[Test]) -> Drawing:
     """Plot the responses to `moves` (steps and slews) in every case, with the initial and the returned gains."""
     subject, columns = ParameterSubject(result.study.base), min(len(moves), 2)
-    plot, grid = panels(len(moves), columns, width=10.0, height=2.6)
+    plot, grid = panel_grid(len(moves), columns, width=10.0, height=2.6)
     for axes, test in zip(grid, moves, strict=True):
         for gains, color, label in ((result.before.gains, GRAY, "initial"), (result.best.gains, BLUE, "returned")):
             for case in result.study.cases:
@@ -54,7 +54,7 @@ def responses(result: Result, moves: Sequence[Test]) -> Drawing:
                                       "direction, with the initial and the returned gains.")
 
 
-def search(result: Result) -> Drawing:
+def search(result: Tuning) -> Drawing:
     """Plot the best objective during the search and, over each gain, all objectives (the worst 20 % at the upper edge).
     """
     names = [t.name for t in result.study.tunables]
@@ -117,7 +117,7 @@ def _correlation(first: Any, second: Any) -> float:
     return float(spearmanr(first, second).statistic) if min(np.ptp(first), np.ptp(second)) > 0.0 else 0.0
 
 
-def trade(result: Result, first: str, second: str, correlation: float) -> Drawing:
+def trade(result: Tuning, first: str, second: str, correlation: float) -> Drawing:
     """Plot two requirements against each other, each as a share of its limit, with their Pareto front."""
     plot, (axes,) = column(f"share of {second}", x=f"share of {first}", width=6.0, height=3.6)
     pairs = shares(result.evaluated, first, second)

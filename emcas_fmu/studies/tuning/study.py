@@ -27,7 +27,7 @@ from ...bench.requirements import (
 from ...bench.subject import ParameterSubject
 from ...errors import EmcasError, hint
 from ...parameters import ParameterSet, load_parameters, shipped_file
-from ...parameters.schema import In, Quantity, Table, document, each, read
+from ...parameters.schema import In, Table, WrittenNumber, document, each, read
 from ...support import extras
 
 _OVER, _WITHOUT = "over", "without"  # keys of a study that changes another study
@@ -96,8 +96,8 @@ def _measurable(requirements: Iterable[Requirement], base: ParameterSet) -> tupl
 
 
 class _Bounds(Table):
-    lower: Quantity
-    upper: Quantity
+    lower: WrittenNumber
+    upper: WrittenNumber
 
 
 def _tunables(entries: Any, info: ValidationInfo) -> Any:

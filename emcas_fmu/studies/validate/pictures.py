@@ -17,7 +17,7 @@ from ...plotting import plots, traces
 from ...plotting.plots import LIMIT, REQUIRED, Drawing
 from ...plotting.traces import trace
 from ...reference.linear import LinearModel
-from .validation import TRAJECTORY_LIMIT, CaseResult, Result
+from .validation import TRAJECTORY_LIMIT, CaseResult, Validation
 
 Look = Mapping[str, Any]
 Window = tuple[float, float]
@@ -46,11 +46,11 @@ class View(NamedTuple):
     columns: Sequence[tuple[Window, Mapping[str, Look]]]
     panels: Sequence[str]
     dots: int
-    caption: str | Callable[[Result], str]
+    caption: str | Callable[[Validation], str]
     rate: str = ""
 
 
-def drawings(result: Result) -> Iterator[Drawing]:
+def drawings(result: Validation) -> Iterator[Drawing]:
     """Yield every picture with a finished case in each of its columns."""
     finished = {name: case for name, case in result.cases.items() if case.judged.stopped is None}
     embedded = [View("Inside the FMU", [(_WHOLE, _fin(name, plots.BLUE))], _ANGLE, 10, f"{case.case.title}.")
@@ -66,7 +66,7 @@ def drawings(result: Result) -> Iterator[Drawing]:
         yield _linear(result)
 
 
-def _over_time(result: Result, view: View, columns: Sequence[tuple[Window, Sequence[tuple[CaseResult, Look]]]]
+def _over_time(result: Validation, view: View, columns: Sequence[tuple[Window, Sequence[tuple[CaseResult, Look]]]]
                ) -> Drawing:
     """Plot a view: outputs with reference, command and limits; a column with one case is shaded while a limit acts."""
     shown = [(window, case) for window, cases in columns for case, _ in cases]
@@ -99,13 +99,13 @@ def _over_time(result: Result, view: View, columns: Sequence[tuple[Window, Seque
     return Drawing(view.title, figure, caption + _clipped(result, degrees(largest)) + _BELOW * error)
 
 
-def _clipped(result: Result, largest: float) -> str:
+def _clipped(result: Validation, largest: float) -> str:
     """Return a sentence on the command limit, for a caption, if the `largest` command [deg] is beyond it."""
     limit = degrees(result.parameters.get("command.limit", inf))
     return f" Commands are clipped to {limit:.4g} deg." * (largest > limit + 1e-9)
 
 
-def _output(axes: Axes, name: str, result: Result, case: CaseResult, window: Window, dots: int,
+def _output(axes: Axes, name: str, result: Validation, case: CaseResult, window: Window, dots: int,
             unit: float, look: Look) -> None:
     """Plot an output of a case with its reference, and with its command or limits; see `traces.trace`."""
     excitation = case.run.excitation
@@ -124,7 +124,7 @@ def _output(axes: Axes, name: str, result: Result, case: CaseResult, window: Win
         plots.limits(axes, result.parameters[parameter], sides=True, label="limit")
 
 
-def _bode(result: Result, cases: Mapping[tuple[str, str], CaseResult]) -> Drawing:
+def _bode(result: Validation, cases: Mapping[tuple[str, str], CaseResult]) -> Drawing:
     """Plot gain, phase and coherence of the sweeps, and of the linear model if it was compared."""
     curves: list[tuple[FrequencyResponse, dict[str, Any]]] = [
         (sweep_response(case.run), {"label": label, "color": color}) for (label, color), case in cases.items()]
@@ -144,7 +144,7 @@ def _bode(result: Result, cases: Mapping[tuple[str, str], CaseResult]) -> Drawin
         "the sweep smears such a jump over about 1 Hz.")
 
 
-def _linear(result: Result) -> Drawing:
+def _linear(result: Validation) -> Drawing:
     """Plot responses to steps, divided by the step's size, with the linear model's response."""
     figure, (response, difference) = plots.column("fin angle / command", "difference [%]", x="time [ms]", height=2.4,
                                                   height_ratios=(2.0, 1.0))
@@ -162,8 +162,8 @@ def _linear(result: Result) -> Drawing:
         "trajectory generator; its response is the same for all." + _clipped(result, max(result.linear_series)))
 
 
-def _slew_caption(result: Result) -> str:
-    rate = metrics.motion(result.cases["step_plus20"].run)
+def _slew_caption(result: Validation) -> str:
+    rate = metrics.motion_figures(result.cases["step_plus20"].run)
     return (f"A step to 20 deg: {_rate(rate['peak_rate'])} at the peak, {_rate(rate['sustained_rate'])} in the mean "
             "over the middle 60 % of the travel. A limit that is active while no plotted variable is at its limit is "
             "that of another variable, such as the speed reference.")
@@ -173,15 +173,15 @@ def _rate(rate: float) -> str:
     return f"{degrees(rate):.0f} deg/s" if isfinite(rate) else "no rate (the fin does not travel so far)"
 
 
-def _loaded_caption(result: Result) -> str:
-    against, along = (_rate(metrics.motion(result.cases[name].run, 1)["sustained_rate"])
+def _loaded_caption(result: Validation) -> str:
+    against, along = (_rate(metrics.motion_figures(result.cases[name].run, 1)["sustained_rate"])
                       for name in ("load_opposing", "load_aiding"))
     return ("Slews from -20 to +20 deg at 350 ms; a load of 100 N.m rises within 20 ms. Mean rate over the middle 60 % "
             f"of the travel: {against} against the load, {along} with it. The error that the load "
             "causes decays by the integral action of the position loop, if it has one.")
 
 
-def _sag_caption(result: Result) -> str:
+def _sag_caption(result: Validation) -> str:
     supply = result.cases["sag"].run.excitation.columns["supply_voltage"]
     shipped = result.of_thesis and not result.differences
     brakes = ", below the back-EMF of the shipped motor at that speed, which then brakes" * shipped

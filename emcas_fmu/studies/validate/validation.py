@@ -14,7 +14,7 @@ from ...bench import metrics, verdict
 from ...bench.excitation import Excitation, of_case, with_encoder
 from ...bench.requirements import Specification, load_requirements
 from ...bench.runs import Columns, Run
-from ...bench.subject import Identification, Subject
+from ...bench.subject import Identity, Subject
 from ...bench.verdict import Judged
 from ...errors import EmcasError
 from ...parameters import load_parameters
@@ -77,7 +77,7 @@ class CaseResult:
 
 @checked
 @dataclass(frozen=True)
-class Result:
+class Validation:
     """The result of a validation.
 
     `folder` is the folder of the references, or the FMU if they are `inside` it. `cases` are by name. `linear_series`
@@ -85,7 +85,7 @@ class Result:
     actuator's equations, empty if the actuator does not state it.
     """
 
-    about: Identification
+    about: Identity
     parameters: Mapping[str, Any]
     differences: tuple[Mapping[str, Any], ...]
     folder: str
@@ -185,7 +185,8 @@ class Result:
 
 
 def validate(subject: Subject, names: Sequence[str] | None = None, directory: Path | None = None,
-             progress: Progress = silent, inside: bool = False, specification: Specification | None = None) -> Result:
+             progress: Progress = silent, inside: bool = False,
+             specification: Specification | None = None) -> Validation:
     """Judge a subject by the reference cases in `directory` (default: the shipped ones) and by requirements.
 
     References in a `directory` must be of the subject's actuator, shipped references also of its parameters. With
@@ -226,9 +227,9 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     differences = tuple({"name": name, "value": subject.values[name], "default": e.value, "unit": e.variable.unit}
                         for e in load_parameters(model=subject.model).entries
                         if (name := e.variable.name) in subject.identification.differences)
-    result = Result(subject.identification, dict(subject.values), differences,
-                    subject.identification.file if inside else str(folder), inside, results, tuple(required),
-                    linear, subject.actuator.origin)
+    result = Validation(subject.identification, dict(subject.values), differences,
+                        subject.identification.file if inside else str(folder), inside, results, tuple(required),
+                        linear, subject.actuator.origin)
     return replace(result, notes=tuple(_notes(subject, result, notes)))
 
 
@@ -283,7 +284,7 @@ def _made_of(subject: Subject, case: stored.Stored) -> bool:
     return case.model == subject.actuator.name and case.parameters_hash in ("", own_hash)
 
 
-def _notes(subject: Subject, result: Result, further: Sequence[str]) -> Iterator[str]:
+def _notes(subject: Subject, result: Validation, further: Sequence[str]) -> Iterator[str]:
     """Yield notes on the references, the notes `further`, then notes on parameters and runs."""
     compared, runs = result.compared, {name: case.run for name, case in result.cases.items()}
     if result.foreign:

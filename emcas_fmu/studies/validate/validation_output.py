@@ -18,13 +18,13 @@ from rich.table import Table
 from ...bench import verdict, writers
 from ...pages.page import write_page
 from ...pages.terminal import table
-from .validation import TRAJECTORY_LIMIT, Result
+from .validation import TRAJECTORY_LIMIT, Validation
 
 SCHEMA = "emcas-validation/2"
 """Name and version of the JSON layout; the number changes when a field is removed or changes its meaning."""
 
 
-def _cases(result: Result) -> Table:
+def _cases(result: Validation) -> Table:
     """Return a table of the largest errors in the compared cases."""
     units = {"fin_angle": "angle [deg]", "fin_rate": "rate [deg/s]", "motor_current": "current [A]",
              "motor_voltage": "voltage [V]"}
@@ -36,7 +36,7 @@ def _cases(result: Result) -> Table:
                  f"largest error against {result.compared_with}", range(1 + len(shown)), plain=True)
 
 
-def summary(result: Result) -> Iterator[RenderableType]:
+def summary(result: Validation) -> Iterator[RenderableType]:
     """Yield the subject, the criteria and errors as tables, then findings, notes and the verdict."""
     findings = [escape(f"{f['text']}. {'Confirmed' if f['holds'] else 'Not confirmed'}.") for f in result.findings]
     return verdict.summary(result.about, "criterion", result.criteria,
@@ -44,7 +44,7 @@ def summary(result: Result) -> Iterator[RenderableType]:
                            result.verdict)
 
 
-def as_dict(result: Result) -> dict[str, Any]:
+def as_dict(result: Validation) -> dict[str, Any]:
     """Return the result for JSON, without time series."""
     about, compared = result.about, bool(result.trajectory)
     name, _, version = about.name.partition(" ")
@@ -66,7 +66,7 @@ def as_dict(result: Result) -> dict[str, Any]:
                      for j in getattr(result, group)]}
 
 
-def write_junit(result: Result, path: Path) -> None:
+def write_junit(result: Validation, path: Path) -> None:
     """Write a test case for each criterion."""
     wall = {name: case.judged.wall_time for name, case in result.cases.items()}
     writers.write_junit("emcas validate", {
@@ -75,7 +75,7 @@ def write_junit(result: Result, path: Path) -> None:
         "requirements": [j.junit_case("emcas.requirements") for j in result.requirements]}, path)
 
 
-def write_report(result: Result, path: Path) -> None:
+def write_report(result: Validation, path: Path) -> None:
     """Write the page; the same result, command and date give the same bytes."""
     from ...plotting.plots import pictures  # with Matplotlib, a third of the start of every command
     from .pictures import drawings

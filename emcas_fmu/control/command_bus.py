@@ -13,7 +13,7 @@ from typing import Any
 
 from ..ops.base import Ops, Value
 
-LONGEST = 20  # longest latency in samples
+LONGEST_LATENCY = 20  # longest latency in samples
 # States: number of samples until the next update, and the command [rad] of the last update.
 STATES = ("command_wait", "command_taken")
 
