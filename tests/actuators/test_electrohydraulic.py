@@ -224,6 +224,15 @@ def test_outputs_are_finite_and_pressures_not_negative(case: dict[str, Any]) -> 
     assert np.abs(found["valve_position"]).max() <= 1.0
 
 
+def test_a_fast_spool_reverses_within_a_tick_from_one_speed_limit_to_the_other() -> None:
+    """In a tick this spool could change its speed by 50 times the limit."""
+    p = {**VALUES, "valve.natural_frequency": 3e3, "valve.stroke_time": 0.05}
+    found = run(p, 0.06, 1e-4, fin_command=lambda t: 0.3 if t < 0.04 else -0.3)
+    position = found["valve_position"]
+    assert position.max() > 0.7 > 0.5 > position[-1]
+    assert np.abs(np.diff(position)).max() <= 1e-4 / 0.05 * (1.0 + 1e-9)
+
+
 def test_a_chamber_is_refilled_from_the_tank() -> None:
     """With the supply lost and a load that moves the fin, pressures stay above tank pressure less the valves' drop."""
     found = run(VALUES, 0.3, 1e-4, aero_torque=lambda t: 200.0 * np.sin(50.0 * t), enable=False,

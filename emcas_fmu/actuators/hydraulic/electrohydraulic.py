@@ -111,8 +111,10 @@ def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Record:
     linkage, motion = fin.mode(ops, p, x, u, h)
     command = ops.clip(ops.where(u.enabled, u.reference, 0.0) + p.valve.null_shift, -1.0, 1.0)
     faster = servovalve.spool_acceleration(p, x.spool_position, x.spool_speed, command) * x.spool_speed > 0.0
-    at_speed = ops.both(ops.fabs(x.spool_speed) >= servovalve.fastest(p) * fin_port.AT_LIMIT, faster)
-    m = Record(linkage=linkage, fin=motion, command=command, at_speed=at_speed,
+    at_limit = ops.fabs(x.spool_speed) >= servovalve.fastest(p) * fin_port.AT_LIMIT
+    slows = ops.both(at_limit, ops.negate(faster))
+    m = Record(linkage=linkage, fin=motion, command=command, at_speed=ops.both(at_limit, faster),
+               slows=ops.where(slows, ops.sign(x.spool_speed), 0.0),  # the sign of the limit that the spool leaves
                refill_1=x.pressure_1 < p.tank.pressure, refill_2=x.pressure_2 < p.tank.pressure,
                void_1=False, void_2=False)
     rates = _rates(ops, p, x, u, m)
@@ -137,8 +139,8 @@ def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     p = as_built(ops, p)
     c = cylinder.linkage(ops, p, x.fin_angle, u)
     return _rates(ops, p, x, u, Record(linkage=c._replace(dry=0.0), fin=fin.FREE,
-                                       command=u.reference + p.valve.null_shift, at_speed=False, refill_1=False,
-                                       refill_2=False, void_1=False, void_2=False))
+                                       command=u.reference + p.valve.null_shift, at_speed=False, slows=0.0,
+                                       refill_1=False, refill_2=False, void_1=False, void_2=False))
 
 
 def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
@@ -149,7 +151,8 @@ def _margins(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
         return ops.where(open_, tank - pressure, pressure - tank)
 
     return {**fin.margins(ops, p, x, m),
-            "speed": ops.where(m.at_speed, faster, fastest - ops.fabs(x.spool_speed)),
+            "speed": ops.where(m.at_speed, faster, fastest + ops.where(
+                ops.equal(m.slows, 0.0), -ops.fabs(x.spool_speed), m.slows * x.spool_speed)),
             "stroke": 1.0 - ops.fabs(x.spool_position),
             "refill_1": refilling(x.pressure_1, m.refill_1), "refill_2": refilling(x.pressure_2, m.refill_2),
             "void_1": ops.where(m.void_1, 1.0, x.pressure_1), "void_2": ops.where(m.void_2, 1.0, x.pressure_2)}
