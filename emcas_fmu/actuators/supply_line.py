@@ -153,8 +153,9 @@ class Supply:
     """Supply of an actuator: its input, its power, and the actuator's load on a line that feeds several fins.
 
     The unit of `input` chooses the kind of line (:data:`LINES`); `power` is the output of the power [W] from the line.
-    For a bus, `inverse_inductance(ops, p)` returns 1/L [1/H] of the circuit at the bus voltage, 0 without inductance;
-    with a third argument `interval` [s] it returns the effective value within that time. An actuator that stores charge
+    For a bus, `inverse_inductance(ops, p)` returns 1/L [1/H] of the circuit at the bus voltage, 0 if the current does
+    not follow this voltage; with a third argument `interval` [s] it returns the effective value within that time, which
+    is 1/(R interval) for a winding with the resistance R and without inductance. An actuator that stores charge
     has a `course(ops, p, x, current, before, interval)`. It returns the charge [A.s] consumed from the start to the
     states `x`, and the mean current [A] of the next interval [s] at the same voltage; `current` [A] is the present
     one, `before` the charge [A.s] an interval ago.

@@ -47,6 +47,11 @@ def current(ops: Ops, p: Any, x: Record, u: Record) -> Value:
     return share * p.motor.stall_torque * p.motor.no_load_speed / p.motor.nominal_voltage * excess
 
 
+def conductance(p: Any) -> Value:
+    """Return the motor's 1/R [1/Ohm]."""
+    return p.motor.stall_torque * p.motor.no_load_speed / (p.motor.nominal_voltage * p.motor.nominal_voltage)
+
+
 def voltage(ops: Ops, p: Any, x: Record, u: Record) -> Value:
     """Return the mean voltage [V] at the motor: that of the bridge or, while the bridge is open, the back-EMF."""
     emf = p.motor.nominal_voltage * output_speed(p, x) / p.motor.no_load_speed

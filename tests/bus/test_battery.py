@@ -263,6 +263,20 @@ def test_a_small_link_does_not_ring() -> None:
     assert max(run["bus_voltage"].max() for run in (coarse, fine)) < 60.0
 
 
+@pytest.mark.parametrize("capacitance", [0.0, 1e-6])
+@pytest.mark.parametrize("model", ["servo", "clutch"])
+def test_a_winding_without_inductance_does_not_let_the_bus_ring(model: str, capacitance: float) -> None:
+    """Its current follows the voltage at once; the bus jumped between 0 V and 39 V or 100 kV."""
+    values = load_parameters(model=model).values
+    coarse, fine = (simulate_fins([values] * 4, 0.105, 7e-4, model, {  # an odd number of updates, or rows would hide it
+        RESISTANCE: 1.0, LINK: capacitance, "bus.update_time": update},
+        fin_command=lambda t: 0.2 if t < 0.07 else -0.2) for update in (1e-4, 2e-5))
+    assert coarse["bus_voltage"].min() > 5.0
+    assert coarse["bus_voltage"].max() < 100.0
+    # The small link is raised to h sum 1/R of the servos: 0.16 deg, three times for margin.
+    assert np.abs(angles(coarse) - angles(fine)).max() < radians(0.5)
+
+
 # -- the FMUs -------------------------------------------------------------------
 
 @pytest.fixture(scope="module")

@@ -227,7 +227,8 @@ ACTUATOR = Actuator(
     controller_states=interface.CONTROLLER,
     encoder=("screw_angle", "screw_speed"),
     controllers_read=("screw_speed", "coil_current_1", "coil_current_2"),
-    supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER),
+    supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER, lambda ops, p, interval: (
+        1.0 / (p.motor.resistance * interval) + 2.0 / p.coil.inductance)),
     descriptions={**interface.INPUT_DESCRIPTIONS, "angular_acceleration.x": interface.rolling(
                       "clutch.driven_inertia + inertia.screw", "the torque on the screw"),
                   "enable": "false switches both clutches off; the motor keeps turning"},
