@@ -92,7 +92,7 @@ def extend(actuator: Actuator) -> Actuator:
             load, rated = x.i2t_load, u.rated_current_limit
             most = heat.current_limit(ops, p, load, rated)
             later = ops.maximum(load, heat.loaded(ops, p, load, most * most, h, rated))
-        return at(ops, p, u, *heat.warmed(p, winding, case, loss, 0.5 * h), later)
+        return at(ops, p, u, *heat.warmed(ops, p, winding, case, loss, 0.5 * h), later)
 
     def initial(ops: Ops, p: Any, start: Record) -> Values:
         begun, ambient = actuator.initial(ops, p, start), p.friction.temperature
@@ -110,7 +110,7 @@ def extend(actuator: Actuator) -> Actuator:
         moved, used = actuator.step(ops, q, x, u, h)
         square = mean_square(ops, actuator, q, x, u, h, moved, used)
         loss = lossy_resistance(ops, actuator, q, x, u) * square
-        winding, case = heat.warmed(p, x.winding_temperature, x.case_temperature, loss, used)
+        winding, case = heat.warmed(ops, p, x.winding_temperature, x.case_temperature, loss, used)
         moved = {**moved, "winding_temperature": winding, "case_temperature": case}
         if limits:
             moved["i2t_load"] = heat.loaded(ops, p, x.i2t_load, square, used, u.rated_current_limit)

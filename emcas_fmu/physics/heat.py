@@ -53,19 +53,22 @@ def flows(p: Any, winding: Value, case: Value) -> tuple[Value, Value]:
     return ((winding - case) / p.heat.winding_to_case, (case - p.friction.temperature) / p.heat.case_to_ambient)
 
 
-def warmed(p: Any, winding: Value, case: Value, loss: Value, h: Value) -> tuple[Value, Value]:
+def warmed(ops: Ops, p: Any, winding: Value, case: Value, loss: Value, h: Value) -> tuple[Value, Value]:
     """Return the temperatures [degC] of winding and case after `h` [s] under a constant loss [W] in the winding."""
-    # The implicit midpoint rule is of second order, stable for any step, and conserves energy.
+    # The implicit midpoint rule is of second order, stable for any step, and conserves energy. A step that is long for
+    # a node is more implicit than the midpoint, or its temperature would pass that of its neighbour.
     inward, outward = flows(p, winding, case)
-    winding_rate, case_rate = 2.0 * p.heat.winding_capacity / h, 2.0 * p.heat.case_capacity / h
     between, away = 1.0 / p.heat.winding_to_case, 1.0 / p.heat.case_to_ambient
+    weight = ops.maximum(0.5, 1.0 - ops.minimum(p.heat.winding_capacity / (between * h),
+                                                p.heat.case_capacity / ((between + away) * h)))
+    winding_rate, case_rate = p.heat.winding_capacity / (weight * h), p.heat.case_capacity / (weight * h)
     first, second = loss - inward, inward - outward
     below = case_rate + between + away
-    # The square of the conductance between the nodes is left out: it cancels. The rises are half the changes.
+    # The square of the conductance between the nodes is left out: it cancels. The rises are those at `weight` of h.
     determinant = winding_rate * below + between * (case_rate + away)
     rise = (first * below + second * between) / determinant
     case_rise = (second * (winding_rate + between) + first * between) / determinant
-    return winding + 2.0 * rise, case + 2.0 * case_rise
+    return winding + rise / weight, case + case_rise / weight
 
 
 def _squares(ops: Ops, p: Any, peak: Value) -> tuple[Value, Value]:

@@ -142,6 +142,22 @@ def test_mean_square_of_an_exponential(ratio: float) -> None:
 
 # -- energy -----------------------------------------------------------------------
 
+@pytest.mark.parametrize("changes", [
+    {"winding_capacity": 0.01, "winding_to_case": 1e-4, "winding_start_rise": 250.0, "case_start_rise": 0.0},
+    {"case_capacity": 0.01, "case_to_ambient": 1e-4, "case_start_rise": 250.0, "winding_start_rise": 0.0},
+    {"winding_capacity": 0.01, "case_capacity": 0.01, "winding_to_case": 1e-4, "winding_start_rise": 250.0}])
+def test_heat_only_flows_to_the_colder_node(changes: dict[str, float]) -> None:
+    """The node's time constant is below a tick; the winding cooled from 274 to -216 degC beside a case of 24 degC."""
+    values = {**BASE.values, **{f"heat.{name}": value for name, value in changes.items()}}
+    run = simulate(values, 0.021, 7e-4, model=MODEL)  # rows at every tick
+    winding, case = run["winding_temperature"], run["case_temperature"]
+    ambient = values["friction.temperature"]
+    least = min(ambient, winding[0], case[0])
+    assert min(winding.min(), case.min()) >= least - 1e-9
+    stored = values["heat.winding_capacity"] * winding + values["heat.case_capacity"] * case
+    assert np.diff(stored).max() <= 1e-3 * (stored[0] - stored[-1])
+
+
 def test_losses_are_stored_or_leave_to_ambient() -> None:
     """Trapezia over 20 us integrate the outputs of a motion that reverses."""
     v = values_of({"solver.max_tick": 2e-5, "heat.winding_capacity": 5.0, "heat.case_capacity": 20.0,
