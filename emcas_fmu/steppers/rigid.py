@@ -373,7 +373,9 @@ def advance(ops: Ops, p: Any, s: Motor, u: Record, h: Value) -> tuple[Motor, Val
         *plant, used = ops.branch(p.motor.pole_pairs > 0.0,
                                   lambda: _by_direction(ops, p, s, u, resolved_step(ops, p, s, u, h)),
                                   lambda: _by_direction(ops, fixed, s, u, h))
-    return Motor(*plant), used
+    # A motor that reverses twice in a tick could pass the stop behind it.
+    end = Motor(*plant)
+    return end._replace(motor_angle=ops.clip(end.motor_angle, *stops(ops, p))), used
 
 
 def _by_direction(ops: Ops, p: Any, s: Motor, u: Record, h: Value) -> tuple[Value, ...]:

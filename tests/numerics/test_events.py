@@ -139,3 +139,10 @@ def test_fin_with_almost_no_supply_moves_as_without_supply(supply: float, load: 
     assert np.abs(some).max() > 1e-3
     # 0.3 mV turn a motor of 0.11 V.s/rad at 3e-3 rad/s, and the fin by 1e-6 rad in 20 ms. Measured: 4e-7 rad.
     np.testing.assert_allclose(some, none, rtol=0.0, atol=1e-5)
+
+
+def test_a_motor_that_reverses_twice_in_a_tick_does_not_pass_the_stop_behind_it() -> None:
+    """The back-EMF of this motor, a thousand times too large, turns it faster than a tick resolves."""
+    values = {**load_parameters(model="ristanovic").values, "motor.back_emf_constant": 100.0, "inertia.motor": 1e-9}
+    run = simulate(values, 0.1, model="ristanovic", fin_command=lambda t: 0.3 if t < 0.03 else -0.35)
+    assert np.abs(run["fin_angle"]).max() <= values["fin.stop_angle"] * (1.0 + 1e-12)
