@@ -4,9 +4,9 @@ The integrations judge the package's fixed-tick stepping, and use none of its eq
 integrated by SciPy with error control. Changes of mode (stick, slip, voltage limit, mechanical stop) are located as
 roots.
 
-Integrations: :class:`.ReferenceActuator` has the entry `simulate`; it uses :mod:`.events`, :mod:`.vehicle`, :mod:`.drive`,
-:mod:`.controllers`, :mod:`.filters` and :mod:`.trajectory`. Each actuator is in the module of its name, the thesis's
-actuator in :mod:`.plant` with :mod:`.screw`. Hydraulic actuators share :mod:`.piston`, those with clutches
+Integrations: :class:`.ReferenceActuator` has the entry `simulate`; it uses :mod:`.events`, :mod:`.vehicle`,
+:mod:`.drive`, :mod:`.controllers`, :mod:`.filters` and :mod:`.trajectory`. Each actuator is in the module of its name,
+the thesis's actuator in :mod:`.plant` with :mod:`.screw`. Hydraulic actuators share :mod:`.piston`, those with clutches
 :mod:`.coil`. :mod:`.linear` is the thesis's linear model.
 
 Files: :mod:`.cases` contains the excitations; :mod:`.files` and :mod:`.stored` write and read responses;
