@@ -7,7 +7,7 @@
     runs.py                responses of one run and of many
     excitation.py          excitations: rows of inputs
     metrics.py             the figures of a response, each defined once
-    frequency_response.py  the figures of sweeps and sines
+    frequency_response.py  the measurement of steady sines, and the figures of sweeps
     measure.py             the tests of requirements, and the figures measured in them
     linear/                the linearised actuator: responses, margins (extra `analysis`)
     requirements.py        figures of tests with limits, read from TOML

@@ -192,7 +192,7 @@ def sweep(amplitude: float, duration: float, low: float = SWEEP[0], high: float 
 
 @checked
 def sine(amplitude: float, frequency: float | Array, cycles: float | Array = 6.0,
-         settle: tuple[float, float] = (4.0, 0.5), variable: str = COMMAND) -> Excitation:
+         settle: tuple[float, float] = (4.0, 0.5), variable: str = COMMAND, step: float = STEP) -> Excitation:
     """Return a sine of the command, or a cosine of another input `variable`, at a frequency [Hz].
 
     `amplitude` is in the input's unit. The last `cycles` are judged, after a transient of `settle`[0] cycles and at
@@ -208,10 +208,11 @@ def sine(amplitude: float, frequency: float | Array, cycles: float | Array = 6.0
                             "of 0 or more")
     frequency, cycles = np.asarray(frequency, dtype=float)[()], np.asarray(cycles, dtype=float)[()]
     judged = np.max(cycles / frequency)
-    time = times(np.max(np.maximum(settle[0] / frequency, settle[1]) + cycles / frequency))
+    time = times(np.max(np.maximum(settle[0] / frequency, settle[1]) + cycles / frequency), step)
     wave = (np.sin if variable == COMMAND else np.cos)(np.multiply.outer(2.0 * pi * frequency, time))
     span = f"{np.min(frequency):g}" + (f" to {np.max(frequency):g}" if np.ndim(frequency) else "")
-    return Excitation(f"sine of {variable} at {span} Hz", {variable: amplitude * wave}, float(time[-1] - judged))
+    return Excitation(f"sine of {variable} at {span} Hz", {variable: amplitude * wave}, float(time[-1] - judged),
+                      step)
 
 
 @checked

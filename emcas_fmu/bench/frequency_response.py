@@ -1,4 +1,4 @@
-"""Frequency responses estimated from runs: sine sweeps by Welch's method, steady sines by least squares.
+"""Frequency responses from runs: sine sweeps by Welch's method, steady sines by least squares (`Sines`).
 
 Frequencies are in Hz, phases in rad, gains are ratios; columns are sampled uniformly.
 """
@@ -6,6 +6,7 @@ Frequencies are in Hz, phases in rad, gains are ratios; columns are sampled unif
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import inf, isnan, nan, pi
 from typing import Any
 
@@ -13,7 +14,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from ..motions import STEP
 from ..pages.numbers import number
+from .excitation import COMMAND, Excitation, sine, times
 from .metrics import Array, crossing
 from .runs import Run
 
@@ -47,23 +50,17 @@ class FrequencyResponse:
             return 20.0 * np.log10(self.gain)
 
     @property
-    def _losses(self) -> tuple[tuple[Array, float], ...]:
-        """The loss of gain [dB] and the lag [deg], each with its limit for a bandwidth."""
-        return (-self.gain_db, 3.0), (-np.degrees(self.phase), 90.0)
-
-    @property
     def crossings(self) -> tuple[float, float]:
         """Lowest frequencies [Hz] with a gain of -3 dB or less and with a lag of 90 deg or more; nan if there is none.
         """
-        gain, phase = (float(crossing(self.frequency, *loss)) for loss in self._losses)
-        return gain, phase
+        return (float(crossing(self.frequency, -self.gain_db, 3.0)),
+                float(crossing(self.frequency, -np.degrees(self.phase), 90.0)))
 
     @property
     def bandwidths(self) -> tuple[float, float]:
         """`crossings`, but nan where the limit is already exceeded at the lowest frequency."""
-        gain, phase = (nan if loss[0] >= limit else at
-                       for (loss, limit), at in zip(self._losses, self.crossings, strict=True))
-        return gain, phase
+        gain, phase = self.crossings
+        return (nan if self.gain_db[0] <= -3.0 else gain, nan if np.degrees(self.phase[0]) <= -90.0 else phase)
 
     @property
     def bandwidth(self) -> float:
@@ -141,23 +138,53 @@ def swept(response: FrequencyResponse) -> dict[str, float]:
                 "lowest_coherence": float(np.min(response.coherence[in_band])) if in_band.any() else nan}
 
 
-def fundamental(time: Array, values: Array, frequency: float, drift: bool = True) -> complex:
-    """Return the complex amplitude c of Re(c exp(2 pi i f t)) in `values`, by least squares with an offset.
+@dataclass(frozen=True)
+class Sines:
+    """Sines of an input, a run for each `frequency` [Hz], with rows every `step` [s].
 
-    `time` [s] and `values`, of any unit, are equally long; f is `frequency` [Hz]. With `drift` a linear term is also
-    fitted.
+    `transient` and `fitted` are the smallest number of cycles, and their shortest time [s], before and in the rows to
+    which a sine with an offset is fitted by least squares, with `drift` also a linear term. Whole cycles are fitted.
     """
-    return complex(fundamental_weights(time, frequency, drift) @ values)
+
+    frequency: Array
+    transient: tuple[float, float]
+    fitted: tuple[float, float]
+    step: float = STEP
+    drift: bool = False
+
+    @property
+    def _cycles(self) -> Array:
+        smallest, shortest = self.fitted
+        cycles: Array = np.ceil(np.maximum(smallest / self.frequency, shortest) * self.frequency)
+        return cycles
+
+    def excitation(self, amplitude: float, variable: str = COMMAND) -> Excitation:
+        """Return sines of the command [rad], or cosines of another input `variable`, with an amplitude in its unit."""
+        return sine(amplitude, self.frequency, self._cycles, self.transient, variable, self.step)
+
+    def fit(self, column: Array) -> tuple[Array, list[Array]]:
+        """Return the complex amplitude c of Re(c exp(2 pi i f t)) in each run of a column [runs, rows], and its rows.
+
+        The amplitude, in the column's unit, is nan if a fitted row is.
+        """
+        fits = [_fit(*each, self.transient, self.step, self.drift)
+                for each in zip(self.frequency.tolist(), self._cycles.tolist(), strict=True)]
+        rows = [run[chosen] for run, (chosen, _) in zip(column, fits, strict=True)]
+        return np.array([weights @ each for each, (_, weights) in zip(rows, fits, strict=True)]), rows
 
 
-def fundamental_weights(time: Array, frequency: float, drift: bool = True) -> Array:
-    """Return the complex weights whose product with values at these times [s] is their `fundamental`."""
-    angle = 2.0 * pi * frequency * time
-    span = float(time[-1] - time[0]) or 1.0
-    slow = (np.ones_like(time), (time - time[0]) / span)[:1 + drift]
-    cosine, sine, *_ = np.linalg.pinv(np.column_stack([np.cos(angle), np.sin(angle), *slow]))
-    weights: Array = cosine - 1j * sine
-    return weights
+@lru_cache(maxsize=1024)  # all bisections use the same frequencies
+def _fit(frequency: float, cycles: float, transient: tuple[float, float], step: float, drift: bool
+         ) -> tuple[slice, Array]:
+    """Return the fitted rows, and the weights whose product with their values is the complex amplitude."""
+    begin = max(transient[0] / frequency, transient[1])
+    end = begin + cycles / frequency
+    time = times(end, step)
+    chosen = np.flatnonzero((time >= begin) & (time <= end))
+    time = time[chosen]
+    angle, slow = 2.0 * pi * frequency * time, (np.ones_like(time), time - time[0])[:1 + drift]
+    cosine, quadrature, *_ = np.linalg.pinv(np.column_stack([np.cos(angle), np.sin(angle), *slow]))
+    return slice(chosen[0], chosen[-1] + 1), cosine - 1j * quadrature
 
 
 def held(amplitude: complex, frequency: float, step: float) -> complex:

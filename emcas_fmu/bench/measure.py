@@ -7,6 +7,7 @@ the same value wherever it is shown.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -21,8 +22,8 @@ from ..motions import MOTIONS, SETTLE, STEP
 from ..parameters import ParameterSet
 from ..simulation import Array
 from ..support import extras
-from .excitation import COMMAND, LOAD, Excitation, motion, sine, times
-from .frequency_response import PURE, FrequencyResponse, fundamental_weights, swept
+from .excitation import COMMAND, LOAD, Excitation, motion, times
+from .frequency_response import PURE, FrequencyResponse, Sines, swept
 from .metrics import FIGURES, figures_of, motion_figures, rest_figures, usage_figures
 from .runs import Run, Runs
 from .subject import Subject
@@ -204,14 +205,10 @@ def _moved(runs: Runs) -> dict[str, Array]:
     moved = motion_figures(finished, -1) if finished.excitation.moves else rest_figures(finished)
     figures = {**usage_figures(finished), **moved}
     figures["steady_error"] = np.abs(figures["steady_error"])
-    return {name: _among(runs, indices, values) for name, values in figures.items()}
-
-
-def _among(runs: Runs, indices: Array, values: Any) -> Array:
-    """Return an array for all runs, with the values of the runs at `indices` and nan for the others."""
-    every = np.full((len(runs), *np.shape(values)[1:]), nan, dtype=np.result_type(values))
-    every[indices] = values
-    return every
+    measured = {name: np.full(len(runs), nan) for name in figures}
+    for name, values in figures.items():
+        measured[name][indices] = values
+    return measured
 
 
 def _use(supply: str) -> list[dict[str, Array]]:
@@ -235,9 +232,8 @@ def _repeated(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]]
     """Return the largest difference [rad] between slews after use and rest and slews of a fresh actuator [variants]."""
     differing, angles = columns(subject, changes), []
     for history in histories(test, subject, {name: _start(subject, name, differing) for name in subject.inputs}):
-        runs = subject.run_all(history, differing, ("fin_angle",))
-        indices, finished = runs.finished()
-        angles.append(_among(runs, indices, finished.columns["fin_angle"][..., history.judged(history.time)]))
+        angle = subject.run_all(history, differing, ("fin_angle",)).columns["fin_angle"]
+        angles.append(angle[..., history.judged(history.time)])
     difference: Array = np.max(np.abs(angles[0] - angles[1]), axis=-1)
     return difference
 
@@ -274,39 +270,32 @@ _LEVELS: Mapping[str, Callable[[complex], float]] = {
 def _bandwidths(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], figures: Sequence[str]) -> Array:
     """Return the frequencies [Hz] at which gain and lag cross their levels, by bisection of the describing function.
 
-    Each variant has its own bisection; the next sines of all variants are simulated together, each frequency once. If
-    a level is not crossed, the result is the highest frequency of the search; it is nan if a response up to the
+    Each figure of a variant has its own bisection; the next sines of all are simulated together, each frequency once.
+    If a level is not crossed, the result is the highest frequency of the search; it is nan if a response up to the
     crossing is not a sine, as in hunting.
     """
-    known: list[dict[float, complex]] = [{} for _ in changes]
+    searching = [(k, name) for k in range(len(changes)) for name in figures]
+    crossings, between = dict.fromkeys(searching, BANDWIDTHS[1]), dict[tuple[int, str], tuple[float, float]]()
+    known: dict[tuple[int, float], complex] = {}
 
-    def levels(name: str, at: Mapping[int, float]) -> dict[int, float]:
-        new = {k: f for k, f in at.items() if f not in known[k]}
-        if new:
-            responses = describing_function(subject, [changes[k] for k in new], test.amplitude, list(new.values()))
-            for (k, f), response in zip(new.items(), responses.tolist(), strict=True):
-                known[k][f] = response
-        return {k: _LEVELS[name](known[k][f]) for k, f in at.items()}
+    def levels(at: Mapping[tuple[int, str], float]) -> dict[tuple[int, str], float]:
+        if new := [*dict.fromkeys((k, f) for (k, _), f in at.items() if (k, f) not in known)]:
+            responses = describing_function(subject, [changes[k] for k, _ in new], test.amplitude, [f for _, f in new])
+            known.update(zip(new, responses.tolist(), strict=True))
+        return {(k, name): _LEVELS[name](known[k, f]) for (k, name), f in at.items()}
 
-    crossings = np.full((len(changes), len(figures)), BANDWIDTHS[1])
-    for column, name in enumerate(figures):
-        searching, between = list(range(len(changes))), dict[int, tuple[float, float]]()
-        for low, high in pairwise((GRID[0], *GRID)):
-            at_high = levels(name, dict.fromkeys(searching, high))
-            between |= {k: (low, high) for k, level in at_high.items() if level <= 0.0}
-            crossings[[k for k, level in at_high.items() if isnan(level)], column] = nan
-            searching = [k for k, level in at_high.items() if level > 0.0]
-        for _ in range(BISECTIONS):
-            middle = {k: (low * high) ** 0.5 for k, (low, high) in between.items()}
-            for k, level in levels(name, middle).items():
-                low, high = between.pop(k)
-                if isnan(level):
-                    crossings[k, column] = nan
-                else:
-                    between[k] = (middle[k], high) if level > 0.0 else (low, middle[k])
-        for k, (low, high) in between.items():
-            crossings[k, column] = (low * high) ** 0.5
-    return crossings
+    for low, high in pairwise((GRID[0], *GRID)):
+        at_high = levels(dict.fromkeys(searching, high))
+        between |= {each: (low, high) for each, level in at_high.items() if level <= 0.0}
+        crossings |= {each: nan for each, level in at_high.items() if isnan(level)}
+        searching = [each for each, level in at_high.items() if level > 0.0]
+    for _ in range(BISECTIONS):
+        at_middle = levels(middle := {each: (low * high) ** 0.5 for each, (low, high) in between.items()})
+        crossings |= {each: nan for each, level in at_middle.items() if isnan(level)}
+        between = {each: (middle[each], between[each][1]) if level > 0.0 else (between[each][0], middle[each])
+                   for each, level in at_middle.items() if not isnan(level)}
+    crossings |= {each: (low * high) ** 0.5 for each, (low, high) in between.items()}
+    return np.array([[crossings[k, name] for name in figures] for k in range(len(changes))])
 
 
 def sweep_figures(response: FrequencyResponse, subject: Subject, amplitude: float,
@@ -324,30 +313,11 @@ def describing_function(subject: Subject, changes: Sequence[Mapping[str, Any]], 
     Each variant has its own `frequency` [Hz]. The ratio is nan if the response cannot be computed, or if it is not a
     sine: its fundamental has less than the share PURE of its power.
     """
-    at = np.array(frequency)
-    cycles = np.ceil(np.maximum(CYCLES / at, FITTED) * at)
-    runs = subject.run_all(sine(amplitude, at, cycles, TRANSIENT), columns(subject, changes), ("fin_angle",))
-    indices, finished = runs.finished()
-    fundamentals = [_fundamental(*each) for each in zip(
-        finished.columns["fin_angle"], at[indices].tolist(), cycles[indices].tolist(), strict=True)]
-    return _among(runs, indices, 1j * np.array(fundamentals, dtype=complex) / amplitude)
-
-
-def _fundamental(angle: Array, frequency: float, cycles: float) -> complex:
-    """Return the fundamental of the last cycles of a column of fin angles; nan where they are not a sine."""
-    first, weights = _weights(frequency, cycles)
-    fitted = angle[first:first + len(weights)]
-    fundamental = complex(weights @ fitted)
-    return fundamental if 0.5 * abs(fundamental) ** 2 >= PURE * float(np.var(fitted)) else complex(nan, nan)
-
-
-@lru_cache(maxsize=1024)  # all bisections use the same frequencies
-def _weights(frequency: float, cycles: float) -> tuple[int, Array]:
-    """Return the index of the first fitted row, and the weights of the fitted rows."""
-    begin = max(TRANSIENT[0] / frequency, TRANSIENT[1])
-    time = times(begin + cycles / frequency)
-    fitted = (time >= begin) & (time <= begin + cycles / frequency)
-    return int(np.argmax(fitted)), fundamental_weights(time[fitted], frequency, drift=False)
+    sines = Sines(np.array(frequency), TRANSIENT, (CYCLES, FITTED))
+    runs = subject.run_all(sines.excitation(amplitude), columns(subject, changes), ("fin_angle",))
+    fundamentals, rows = sines.fit(runs.columns["fin_angle"])
+    pure = 0.5 * np.abs(fundamentals) ** 2 >= PURE * np.array([np.var(each) for each in rows])
+    return np.where(pure, 1j * fundamentals / amplitude, complex(nan, nan))
 
 
 @lru_cache(maxsize=16)
@@ -365,13 +335,11 @@ def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, 
     from .linear.actuator import LinearActuator, sound
     from .linear.frequency import highest, margins
 
-    plain = sound(parameters)
-    try:
+    plain, figures = sound(parameters), (nan, nan, nan)
+    with suppress(EmcasError, ArithmeticError):
         linear = LinearActuator({**plain.values, **plain.having(changes)}, model=plain.model)
-    except (EmcasError, ArithmeticError):
-        return dict.fromkeys(TESTS["linear"].figures, nan)
-    if linear.idle or not linear.stable:
-        return dict.fromkeys(TESTS["linear"].figures, nan)
-    loop = linear.loop("reference")
-    result = margins(loop, np.geomspace(LOOP_LOWEST, highest(loop), LOOP_POINTS))
-    return dict(zip(TESTS["linear"].figures, (result.gain_db, result.phase, result.delay), strict=True))
+        if linear.stable and not linear.idle:
+            loop = linear.loop("reference")
+            result = margins(loop, np.geomspace(LOOP_LOWEST, highest(loop), LOOP_POINTS))
+            figures = result.gain_db, result.phase, result.delay
+    return dict(zip(TESTS["linear"].figures, figures, strict=True))

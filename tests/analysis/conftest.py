@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from emcas_fmu.actuators import NONLINEAR
+from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 
 Values = Mapping[str, Any]
@@ -29,6 +32,11 @@ def without_friction(values: Values, **changes: Any) -> dict[str, Any]:
 def smooth(values: Values) -> dict[str, Any]:
     """The shipped set without Coulomb friction; angle and speed are fed back without the encoder."""
     return without_friction(values, encoder__enabled=False)
+
+
+def subject(values: Values, model: str = NONLINEAR) -> ParameterSubject:
+    """Return the subject with these values of its parameters."""
+    return ParameterSubject(load_parameters(model=model).with_values(values))
 
 
 def growth(values: Values, at: float, expected_hz: float, respond: Callable[..., Any] = simulate) -> float:

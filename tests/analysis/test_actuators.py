@@ -20,8 +20,10 @@ from typer.testing import CliRunner
 from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.actuators.capabilities import POSITION_LOOP
 from emcas_fmu.actuators.declaration import State
+from emcas_fmu.bench.frequency_response import of_ratio
 from emcas_fmu.bench.linear import frequency
 from emcas_fmu.bench.linear.actuator import LinearActuator, sound
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.ops.floats import FLOATS
@@ -34,7 +36,7 @@ from emcas_fmu.studies.analysis.steps import compare
 from tests.marks import others_slow
 from tests.own_actuator.example import changed
 
-from .conftest import growth, without_friction
+from .conftest import growth, subject, without_friction
 
 Values = Mapping[str, Any]
 DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples" / "own_actuator" / "direct_drive.py")
@@ -93,8 +95,9 @@ def test_bandwidth_agrees_with_simulated_small_sines(model: str) -> None:
     values, at = smooth(model), radians(8.0)
     linear = frequency.response(LinearActuator(values, at, model=model).command_to_angle)
     near = np.concatenate([width + np.arange(-1.0, 1.1, 0.5) for width in (linear.bandwidth, linear.phase_bandwidth)])
-    (swept,) = sweep.sines(values, [(radians(0.02), at, np.unique(np.round(2.0 * near)) / 2.0)], model=model)
-    measured = swept.response
+    near = np.unique(np.round(2.0 * near)) / 2.0
+    ratio = sweep.sines(subject(values, model), np.full(len(near), radians(0.02)), near, at)[:, 0]
+    measured = of_ratio(near, ratio)
     # Measured 4e-4 at most: interpolation over 0.5 Hz, the lever's curvature, and the kernel's ticks.
     assert linear.bandwidth == pytest.approx(measured.bandwidth, rel=1e-3)
     assert linear.phase_bandwidth == pytest.approx(measured.phase_bandwidth, rel=1e-3)
@@ -151,9 +154,9 @@ def test_load_observer_and_velocity_integral_are_linearised(model: str, at: floa
 
 
 def test_zero_response_has_no_phase() -> None:
-    (swept,) = sweep.sines(load_parameters(model="elastic").values, [(radians(0.1), 0.0, np.array([5.0, 60.0]))],
-                           model="elastic")
-    measured = swept.response
+    frequencies = np.array([5.0, 60.0])
+    ratio = sweep.sines(ParameterSubject(load_parameters(model="elastic")), np.full(2, radians(0.1)), frequencies)[:, 0]
+    measured = of_ratio(frequencies, ratio)
     assert measured.gain[1] == 0.0
     assert np.isnan(measured.phase[1])
     assert -90.0 < np.degrees(measured.phase[0]) < 0.0

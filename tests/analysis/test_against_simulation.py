@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from emcas_fmu.bench.frequency_response import of_ratio
 from emcas_fmu.bench.linear import frequency
 from emcas_fmu.bench.linear.actuator import LinearActuator
 from emcas_fmu.parameters import load_parameters
@@ -20,15 +21,19 @@ from emcas_fmu.studies.analysis.steps import compare
 from tests.default_actuator import namespace
 from tests.marks import others_slow, slow
 
-from .conftest import LOOP, boundary, without_friction
+from .conftest import LOOP, boundary, subject, without_friction
 
 Values = Mapping[str, Any]
 ANGLES = [radians(-9.0), *slow(0.0, radians(15.0))]
 
 
-def swept(values: Values, amplitude: float, at: float) -> sweep.Sweep:
-    grid = sweep.frequencies(values["controller.sample_time"], 80.0)
-    return sweep.sines(values, [(amplitude, at, grid)])[0]
+GRID = np.geomspace(0.5, 80.0, 36)  # Hz
+
+
+def swept(values: Values, amplitude: float, at: float, frequency: Any = GRID) -> sweep.Sweep:
+    size = np.full(len(frequency), amplitude)
+    ratio, *active = sweep.sines(subject(values), size, frequency, at).T
+    return sweep.Sweep(amplitude, of_ratio(frequency, ratio), np.real(active))
 
 
 @pytest.mark.parametrize("at", ANGLES)
@@ -98,28 +103,40 @@ def test_limits_slow_down_large_steps(values: Values) -> None:
     assert large.metrics_linear["rise_time"] == pytest.approx(small.metrics_linear["rise_time"], rel=1e-9)
 
 
-@pytest.mark.parametrize("changes", [
-    {}, {"encoder.on_fin": True}, {"command.latency": 10e-3}, {"command.update_time": 10e-3},
-    {"command.resolution": radians(1.0)},
-    {"command.latency": 2.5e-3, "command.update_time": 4e-3, "command.resolution": radians(0.2),
-     "fin.start_angle": radians(3.0)}], ids=lambda changes: "+".join(changes) or "plain")
-def test_replayed_controllers_compute_the_recorded_reference(values: Values, changes: Values) -> None:
-    p = {**values, **LOOP, **changes}
+@pytest.mark.parametrize(("changes", "model"), [
+    ({}, "nonlinear"), ({"encoder.on_fin": True}, "nonlinear"), ({"command.latency": 10e-3}, "nonlinear"),
+    ({"command.update_time": 10e-3}, "nonlinear"), ({"command.resolution": radians(1.0)}, "nonlinear"),
+    ({"command.latency": 2.5e-3, "command.update_time": 4e-3, "command.resolution": radians(0.2),
+      "fin.start_angle": radians(3.0)}, "nonlinear"),
+    ({"filters.speed_bandwidth": 500.0, "filters.notch_frequency": 300.0}, "nonlinear+filters"),
+    ({"sensor.encoder.noise": 1e-4, "sensor.current.offset": 1.0}, "nonlinear+sensors"),
+    ({}, "nonlinear+supply"), ({"trajectory.natural_frequency": 100.0}, "worm-gear+trajectory")])
+def test_replayed_controllers_compute_the_recorded_reference(changes: Values, model: str) -> None:
+    base = load_parameters(model=model)
+    p = {**base.values, **base.having(LOOP), **changes}
     time = np.arange(400) * p["controller.sample_time"]
-    command = np.column_stack([radians(size) * np.sin(2.0 * np.pi * 12.0 * time) for size in (0.5, 15.0)])
-    runs = [simulate(p, float(time[-1]), p["controller.sample_time"], fin_command=np.ascontiguousarray(one))
-            for one in command.T]
-    motion = {name: np.column_stack([run[name] for run in runs]) for name in (
-        "motor_angle", "motor_speed", "motor_current")}
-    reference, raw = sweep.replay(p, np.full(2, p["fin.start_angle"]), command, motion)
+    command = np.array([radians(size) * np.sin(2.0 * np.pi * 12.0 * time) for size in (0.5, 15.0)])
+    runs = [simulate(p, float(time[-1]), p["controller.sample_time"], model=model, fin_command=one) for one in command]
+    motion: dict[str, Any] = {name: np.array([run[name] for run in runs])
+                              for name in ("motor_angle", "motor_speed", "motor_current", "link_voltage")
+                              if name in runs[0]}
+    start = np.full(2, p["fin.start_angle"])
+    reference, limited = sweep.replay(subject(p, model), start, command, motion)
     # A recorded reference was computed one sample earlier. A rounding, amplified by the loop, remains.
-    recorded = np.column_stack([run["drive_reference"] for run in runs])
-    np.testing.assert_allclose(reference[:-1], recorded[1:], rtol=0, atol=1e-9)
-    assert np.max(np.abs(raw[:, 1])) > p["controller.speed_limit"] > np.max(np.abs(raw[:, 0]))
+    recorded = np.array([run["drive_reference"] for run in runs])
+    np.testing.assert_allclose(reference[:, :-1], recorded[:, 1:], rtol=0, atol=1e-9)
+    assert not limited[0].any()
+    if "trajectory" in model:  # its rate is below the limit
+        assert not limited.any()
+        return
+    assert 0.05 < np.mean(limited[1]) < 0.95
+    # Without a limit of the speed reference, the limit of the DAC alone is not counted.
+    assert np.max(np.abs(reference[1])) == p["drive.reference_limit"]
+    assert not sweep.replay(subject({**p, "controller.speed_limit": 1e5}, model), start, command, motion)[1].any()
 
 
 def test_bandwidth_falls_with_amplitude_where_limits_act(values: Values) -> None:
-    made = sweep.sweeps({**values, **LOOP}, 60.0, amplitudes=(1.0, 6.0, 20.0))
+    made = sweep.sweeps(subject({**values, **LOOP}), 60.0, amplitudes=(1.0, 6.0, 20.0))
     widths = [s.response.bandwidth for s in made]
     assert widths == sorted(widths, reverse=True)
     assert made[-1].onset("rate") <= widths[-1]
@@ -135,7 +152,7 @@ def test_bandwidth_agrees_with_single_sines_close_together(model: str) -> None:
     """Sines of whole periods in 4 s, a quarter of a hertz apart, each run by itself."""
     amplitude, period = radians(3.5), 1e-3
     p = load_parameters(model=model).values
-    (made,) = sweep.sweeps(p, 45.0, amplitudes=(3.5,), model=model)
+    (made,) = sweep.sweeps(subject(p, model), 45.0, amplitudes=(3.5,))
     time = np.arange(5001) * period
     steady = slice(1000, 5000)
 
@@ -155,15 +172,15 @@ def test_bandwidth_agrees_with_single_sines_close_together(model: str) -> None:
 
 
 def test_onset_of_the_current_limit_agrees_with_a_dense_grid(values: Values) -> None:
-    (made,) = sweep.sweeps(values, 45.0, amplitudes=(6.0,))
+    (made,) = sweep.sweeps(subject(values), 45.0, amplitudes=(6.0,))
     near = np.linspace(0.97, 1.03, 31) * made.onset("current")  # rad/s
-    (dense,) = sweep.sines(values, [(radians(6.0), 0.0, near)])
+    dense = swept(values, radians(6.0), 0.0, near)
     # The onset is the first frequency of a grid at which the limit acts; the grids have steps of 0.3 % and 0.2 %.
     assert made.onset("current") == pytest.approx(dense.onset("current"), rel=5e-3)
 
 
 def test_amplitudes_about_the_command_limit_are_reduced_to_the_range(values: Values) -> None:
-    made = sweep.sweeps(values, 10.0, at=values["command.limit"], amplitudes=(1.0, 30.0))
+    made = sweep.sweeps(subject(values), 10.0, at=values["command.limit"], amplitudes=(1.0, 30.0))
     assert [degrees(s.amplitude) for s in made] == pytest.approx([1.0])
     assert made[0].response.gain[0] == pytest.approx(1.0, abs=0.05)  # half of it would be clipped
 

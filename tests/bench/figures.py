@@ -18,7 +18,7 @@ import numpy as np
 
 from emcas_fmu.bench import excitation, measure, metrics
 from emcas_fmu.bench.excitation import Excitation
-from emcas_fmu.bench.frequency_response import frequency_response, fundamental, held, swept
+from emcas_fmu.bench.frequency_response import Sines, frequency_response, held, swept
 from emcas_fmu.bench.metrics import FIGURES
 from emcas_fmu.bench.requirements import load_requirements
 from emcas_fmu.bench.subject import ParameterSubject
@@ -119,8 +119,8 @@ def synthetic_figures() -> dict[str, list[Any]]:
         "rates": [metrics.sustained_rate(time, each, 0.2, 0.15) for each in responses],
         "leaps": [weights, metrics.power_figures(power[:60], weights)],
         "frequency response": [response, response.gain_db, *response.crossings, *response.stated, swept(response)],
-        "fundamental": [fundamental(time, responses[0] + 0.3 * np.cos(11.0 * time), 11.0 / 6.0, drift)
-                        for drift in (True, False)],
+        "fundamental": [Sines(np.array([2.0, 11.0 / 6.0]), (1.0, 0.6), (2.0, 0.9), 2e-3, drift).fit(
+            responses[:2] + 0.3 * np.cos(11.0 * time))[0] for drift in (True, False)],
         "held": held(0.3 + 0.2j, 9.0, 4e-3), "breakaway": metrics.breakaway(power, responses[0]),
         "bidirectional": metrics.bidirectional(several, several[::-1] * 0.9),
         "units": [[metrics.unit_of(key), metrics.in_words(key)] for key in (

@@ -10,6 +10,7 @@ import pytest
 
 from emcas_fmu.bench.frequency_response import FrequencyResponse, swept
 from emcas_fmu.bench.measure import BANDWIDTHS, bound
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.analysis.sweep import sweeps
 from emcas_fmu.studies.report import responses
@@ -35,7 +36,7 @@ def test_bandwidths_of_a_response(gain_db: tuple[float, ...], lag: tuple[float, 
 
 def test_sines_within_a_dead_band() -> None:
     """The servo's dead band takes more than 3 dB from sines of 0.1 deg at any frequency, and all of smaller ones."""
-    lost, small = sweeps(load_parameters(model="servo").values, 30.0, amplitudes=(0.02, 0.1), model="servo")
+    lost, small = sweeps(ParameterSubject(load_parameters(model="servo")), 30.0, amplitudes=(0.02, 0.1))
     lowest = small.response.frequency[0]
     assert small.response.gain_db[0] < -3.0
     assert small.response.stated[0] == lost.response.stated[0] == f"< {lowest:g}"

@@ -328,6 +328,25 @@ def test_response_that_is_not_a_sine_has_no_gain(share: float, sine: bool) -> No
         assert found == pytest.approx(1.0, abs=2.0 * share / 400 + 1e-9)
 
 
+class Ending(Known):
+    """Follows the command exactly, and ends its runs with an error after 1 s."""
+
+    def angle(self, command: Any, torque: Any, step: float) -> Any:
+        return command
+
+    def run(self, *arguments: Any, **more: Any) -> Run:
+        whole = super().run(*arguments, **more)
+        return replace(whole, columns={name: column[:1001] for name, column in whole.columns.items()}, stopped=1.0)
+
+
+def test_sine_has_a_gain_if_its_run_ends_after_the_fitted_cycles() -> None:
+    """The sine of 2 Hz makes the run of 10 Hz longer than the 0.6 s that it needs alone."""
+    alone = describing_function(Ending(outputs=FIN_PORT), [{}], 0.02, [10.0])
+    one, other = describing_function(Ending(outputs=FIN_PORT), [{}, {}], 0.02, [10.0, 2.0])
+    assert one == alone == pytest.approx(1.0, abs=1e-9)
+    assert np.isnan(other)
+
+
 @pytest.mark.parametrize(("lag", "frequency"), [(0.02, 1.0 / (2 * pi * 0.02)), (0.1, 2.0)])
 def test_bandwidth_of_a_first_order_lag(lag: float, frequency: float) -> None:
     (response,) = describing_function(Lag(lag), [{}], 0.02, [frequency])

@@ -12,6 +12,7 @@ import pytest
 
 from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.actuators.capabilities import PHASES, VOLTAGE_LIMIT
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.ops.arrays import ARRAYS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import inverter
@@ -106,9 +107,11 @@ def test_with_dead_time_a_sweep_meets_the_voltage_limit_earlier(more: str, pairs
     """The drive needs more voltage for the dead time: it is at the limit for longer, and from a lower frequency on (12
     instead of 13 Hz without pole pairs)."""
     model, frequencies = MODEL + more, np.array([5.0, 10.0, 12.0, 13.0])
-    ideal, dead = (sweep.sines(values_of(changes, model=model, drive__supply_voltage=28.0, motor__pole_pairs=pairs),
-                               [(radians(3.5), 0.0, frequencies)], model=model)[0].active[sweep.LIMITS.index("voltage")]
-                   for changes in ({}, DEAD))
+    base, column = load_parameters(model=model), 1 + sweep.LIMITS.index("voltage")
+    sets = [values_of(changes, model=model, drive__supply_voltage=28.0, motor__pole_pairs=pairs)
+            for changes in ({}, DEAD)]
+    ideal, dead = (np.real(sweep.sines(ParameterSubject(base.with_values(values)), np.full(4, radians(3.5)),
+                                       frequencies)[:, column]) for values in sets)
     assert dead[0] == ideal[0] == 0.0
     assert np.all(dead >= ideal)
     assert dead[2] > ideal[2] + 0.05

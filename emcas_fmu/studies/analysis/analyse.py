@@ -15,6 +15,7 @@ from ...bench.linear.actuator import LinearActuator, sound
 from ...bench.linear.systems import ROUNDING, Array, System, cleared, decays, largest_pole, reaches
 from ...bench.requirements import load_requirements
 from ...bench.runs import Columns
+from ...bench.subject import ParameterSubject
 from ...errors import EmcasError
 from ...parameters import ParameterSet
 from ...reference.linear import obstacle
@@ -106,7 +107,7 @@ def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float
         compared = steps.comparisons(values, actuator, "thesis_linear" not in left_out)
         crossings = [f for f in linear.command.bandwidths if isfinite(f)]
         highest = _SWEPT * max(crossings, default=linear.command.frequency[-1] / _SWEPT)
-        swept = sweep.sweeps(values, highest, fin_angle, aero_torque, model=model,
+        swept = sweep.sweeps(ParameterSubject(parameters), highest, fin_angle, aero_torque,
                              progress=lambda name, done, total: progress(name, 5, _STEPS))
     except (ArithmeticError, ValueError) as error:
         raise EmcasError(f"the response cannot be computed: {error}") from error

@@ -1,10 +1,10 @@
 """Frequency response of the actuator against amplitude: the describing function, by stepped sines.
 
-At each amplitude and frequency, the compiled kernel simulates a sine to its steady state. The describing function is
-the fundamental of the fin angle over that of the command (Gelb & Vander Velde, "Multiple-Input Describing Functions",
-section 2.2). For actuators with all of NEEDS, the outputs also show when each limit acts; for the limit of the speed
-reference, the controllers are computed again along the recorded motion. Additional sines refine the bandwidths and the
-lowest frequency at which each limit acts.
+At each amplitude and frequency, a sine is simulated to its steady state. The describing function is the fundamental of
+the fin angle over that of the command (Gelb & Vander Velde, "Multiple-Input Describing Functions", section 2.2). For
+actuators with all of NEEDS, the outputs also show when each limit acts; for the limit of the speed reference, the
+controllers are computed again along the recorded motion. Additional sines refine the bandwidths and the lowest
+frequency at which each limit acts.
 """
 
 from __future__ import annotations
@@ -12,22 +12,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from math import radians
-from typing import Any
+from math import inf, radians
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...actuators import NONLINEAR, capabilities, get
-from ...bench.frequency_response import FrequencyResponse, of_ratio
-from ...bench.linear.systems import Array
+from ...actuators import capabilities
+from ...actuators.declaration import SampleInputs
+from ...actuators.positional import identifier
+from ...bench.excitation import COMMAND, LOAD
+from ...bench.frequency_response import FrequencyResponse, Sines, of_ratio
 from ...bench.metrics import CREPT
-from ...control import command_bus, controllers, sensors
+from ...bench.subject import Subject
+from ...control import command_bus
+from ...namespace import Record, with_values
 from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...physics import drive, inverter
-from ...runtime.compiled import parameter_row
-from ...simulation import respond_all
+from ...simulation import Array
 from ...support.progress import Progress, silent
 
 AMPLITUDES = (0.1, 0.3, 1.0, 2.0, 3.5, 6.0, 10.0, 15.0, 20.0)  # deg, of the command
@@ -36,7 +37,8 @@ LIMITS = ("rate", "current", "voltage", "dac")
 NEEDS = (capabilities.SCREW_EQUATIONS, capabilities.CASCADE, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT,
          capabilities.REFERENCE_LIMIT, capabilities.RIGID_DRIVE_LINE, capabilities.MOTOR_CURRENT,
          capabilities.CURRENT_LOOP)
-_SETTLE, _WINDOW = 1.0, 2.0  # s; whole periods of the sine within the window are evaluated
+_TRANSIENT, _FITTED = (0.0, 1.0), (1.0, 2.0)  # smallest numbers of cycles, and shortest times [s]
+_LOWEST = 0.5  # Hz
 _POINTS = 36  # number of frequencies of a sweep before it is refined
 _NUMBERS = 2_000_000  # largest number of values per variable in a batch of sines: 16 MB
 _RESOLVED = 3e-3  # largest relative distance, after refining, of the frequencies that enclose a crossing
@@ -63,65 +65,69 @@ class Sweep:
         return float(self.response.frequency[acting[0]]) if len(acting) else float("nan")
 
 
-def frequencies(period: float, highest: float) -> Array:
-    """Return logarithmic frequencies [Hz] with whole periods in the window, up to `highest` or 0.4/`period` [s]."""
-    window = round(_WINDOW / period) * period
-    grid = np.geomspace(1.0 / window, min(highest, 0.4 / period), _POINTS)
-    return np.unique(np.round(grid * window)) / window
+def sines(subject: Subject, amplitude: Array, frequency: Array, at: Array | float = 0.0, aero_torque: float = 0.0
+          ) -> Array:
+    """Return the describing function, and the shares of time [1] in which each limit acts: [runs, 1 or more].
 
-
-def sines(values: Mapping[str, Any], chosen: Sequence[tuple[float, float, Array]], aero_torque: float = 0.0,
-          model: str = NONLINEAR) -> list[Sweep]:
-    """Return a sweep for each (amplitude [rad], mean fin angle [rad], frequencies [Hz]) in `chosen`, under a load.
-
-    Frequencies are rounded to whole periods. All sines are simulated together, since :func:`replay` takes as long for
-    one as for a hundred.
+    Each run has an `amplitude` [rad], a `frequency` [Hz] and a mean fin angle `at` [rad]; `aero_torque` [N.m] is
+    constant. Without all of NEEDS there are no shares. All sines are simulated together, since :func:`replay` takes as
+    long for one as for a hundred. Raises EmcasError if a response cannot be computed.
     """
-    period = float(values["controller.sample_time"])
-    sizes = [len(frequency) for *_, frequency in chosen]
-    frequency, samples = _whole(np.concatenate([frequency for *_, frequency in chosen]), period)
-    amplitude, about = (np.repeat([each[k] for each in chosen], sizes) for k in range(2))
-    settle, window = round(_SETTLE / period), round(_WINDOW / period)
-    time = np.arange(settle + window + 1) * period
-    command = about + amplitude * np.sin(2.0 * np.pi * np.outer(time, frequency))
-    actuator, columns = get(model), {"fin_command": command.T, "aero_torque": aero_torque}
-    inputs = [np.atleast_1d(columns.get(v.name, v.initial(values))) for v in actuator.inputs]
-    recorded = [v.name for v in actuator.outputs if v.name in _RECORDED]
-    sets = np.repeat([parameter_row({**values, "fin.start_angle": at}, model) for _, at, _ in chosen], sizes, axis=0)
-    runs = respond_all(sets, inputs, period, recorded, model=model).finished()
-    outputs = {name: column.T for name, column in runs.items()}
-    steady = slice(settle, settle + window)
-    angle, evaluated = outputs["fin_angle"][steady], np.arange(window)[:, np.newaxis] < samples
-    turn = np.where(evaluated, np.exp(-2j * np.pi * np.outer(time[steady], frequency)), 0.0)
-    ratio = np.sum(angle * turn, axis=0) / np.sum(command[steady] * turn, axis=0)
-    ratio[np.ptp(angle, axis=0) <= CREPT] = 0.0  # backlash absorbs the sine; the remaining motion is rounding
-    active = np.empty((0, len(frequency)))
-    if actuator.provides.issuperset(NEEDS):
-        _, raw = replay(values, about, command, outputs, model)
-        p = actuator.equation_parameters(FLOATS, actuator.namespace(values))
-        u = outputs["drive_reference"]
-        limit = outputs.get("current_limit", p.drive.current_limit)  # the extension heat reduces this limit
-        current, supply = outputs["motor_current"], outputs.get("link_voltage", p.drive.supply_voltage)
-        applied = outputs["motor_voltage"]
-        if actuator.structure.inverter:  # the limit is that of the voltage before the loss by the dead time
-            applied = applied + inverter.dead_resistance(ARRAYS, p, supply, current) * current
-        voltage_limit = drive.voltage_limit(ARRAYS, p, supply, outputs["motor_speed"], current)
-        acting = np.stack([np.abs(raw) > p.controller.speed_limit,
-                           np.abs(drive.current_reference_raw(p, u)) > limit,
-                           np.abs(applied) >= voltage_limit * _AT_LIMIT,
-                           np.abs(u) >= p.drive.reference_limit])
-        active = np.mean(acting[:, steady], axis=1, where=evaluated)
-    ends = np.cumsum(sizes)
-    return [Sweep(each[0], of_ratio(frequency[end - size:end], ratio[end - size:end]), active[:, end - size:end])
-            for each, size, end in zip(chosen, sizes, ends, strict=True)]
+    made = Sines(frequency, _TRANSIENT, _FITTED, float(subject.values["controller.sample_time"]))
+    wave, mean = made.excitation(1.0), np.broadcast_to(at, len(frequency))
+    command = mean[:, np.newaxis] + amplitude[:, np.newaxis] * wave.command
+    runs = subject.run_all(wave.holding({COMMAND: command, LOAD: aero_torque}), {"fin.start_angle": mean},
+                           [name for name in _RECORDED if name in subject.outputs])
+    for k in range(len(runs)):
+        runs[k].finished()
+    fundamentals, rows = made.fit(runs.columns["fin_angle"])
+    # Backlash absorbs the sine where the remaining motion is rounding.
+    moved = np.array([np.ptp(each) > CREPT for each in rows])
+    acting = _acting(subject, mean, command, runs.columns) if subject.actuator.provides.issuperset(NEEDS) else []
+    return np.column_stack([np.where(moved, 1j * fundamentals / amplitude, 0.0),
+                            *([np.mean(each) for each in made.fit(limit)[1]] for limit in acting)])
 
 
-def _whole(frequency: Array, period: float) -> tuple[Array, NDArray[np.int_]]:
-    """Return near frequencies [Hz] with whole periods in the window, and the number of samples in these periods."""
-    window = round(_WINDOW / period)
-    cycles = np.floor(frequency * window * period + 1e-9)
-    samples = np.minimum(np.round(cycles / (frequency * period)).astype(int), window)
-    return cycles / (samples * period), samples
+def _acting(subject: Subject, start: Array, command: Array, outputs: Mapping[str, Array]) -> list[Array]:
+    """Return whether each of LIMITS acts [runs, rows]; see :func:`replay`."""
+    actuator = subject.actuator
+    p = actuator.equation_parameters(FLOATS, actuator.namespace(subject.values))
+    u, current, applied = (outputs[name] for name in ("drive_reference", "motor_current", "motor_voltage"))
+    supply = outputs.get("link_voltage", p.drive.supply_voltage)
+    if actuator.structure.inverter:  # the limit is that of the voltage before the loss by the dead time
+        applied = applied + inverter.dead_resistance(ARRAYS, p, supply, current) * current
+    limit = outputs.get("current_limit", p.drive.current_limit)  # the extension heat reduces this limit
+    return [replay(subject, start, command, outputs)[1], np.abs(drive.current_reference_raw(p, u)) > limit,
+            np.abs(applied) >= _AT_LIMIT * drive.voltage_limit(ARRAYS, p, supply, outputs["motor_speed"], current),
+            np.abs(u) >= p.drive.reference_limit]
+
+
+def replay(subject: Subject, start: Array, command: Array, motion: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Return the controllers' reference [V], and whether they limit the speed reference, along recorded motions.
+
+    Arrays are [runs, samples]: fin `command` [rad]; in `motion`, SI, the states that the controllers read. Each motion
+    begins at rest at its fin angle `start` [rad]. As in the core, the command arrives over the bus.
+    """
+    actuator = subject.actuator
+    p = actuator.namespace(subject.values)
+    # In the second row, no other limit of the controllers can act.
+    p = with_values(p, {"drive.reference_limit": np.array([[p.drive.reference_limit], [inf]]),
+                        "command.limit": np.array([[p.command.limit], [inf]])})
+    starts = {v.name: v.initial(subject.values) for v in subject.inputs.values()}
+    others = {"supply": starts[subject.supply or ""], "enable": True,
+              **{identifier(v.name): starts[v.name] for v in actuator.further_inputs}}
+    states = motion.keys() & {s.name for s in actuator.states}
+    x, latency = actuator.start(ARRAYS, p, start), int(command_bus.latency(FLOATS, p))
+    delayed = np.concatenate([np.zeros((latency, len(command))), command.T])
+    reference, limited = np.empty_like(command), np.empty(command.shape, dtype=bool)
+    for k in range(command.shape[1]):
+        before = Record(**x | {name: motion[name][:, k] for name in states})
+        after = actuator.commanded(ARRAYS, p, before, SampleInputs(
+            command=delayed[k], position=actuator.position(ARRAYS, p, before), **others))
+        limited[:, k] = after["limited"][1]
+        x |= {name: value[0] if np.ndim(value) == 2 else value for name, value in after.items()}
+        reference[:, k] = x["reference"]
+    return reference, limited
 
 
 def shared(sweeps: Sequence[Sweep]) -> list[Array]:
@@ -130,79 +136,45 @@ def shared(sweeps: Sequence[Sweep]) -> list[Array]:
     return [np.isin(s.response.frequency, common) for s in sweeps]
 
 
-def _between(s: Sweep) -> Array:
+def _between(s: Sweep) -> list[float]:
     """Return frequencies [Hz] that divide the gaps in which the sweep first reaches a level, unless they are narrow."""
-    f, added = s.response.frequency, [np.empty(0)]
+    f, added = s.response.frequency, set[float]()
     for reached in (s.response.gain_db <= -3.0, s.response.phase <= -np.pi / 2.0, *(s.active > 0.0)):
         k = int(np.argmax(reached))
         if reached[k] and k and f[k] - f[k - 1] > _RESOLVED * f[k]:
-            added.append(np.linspace(f[k - 1], f[k], _PARTS + 1)[1:-1])
-    return np.unique(np.concatenate(added))
+            added.update(np.linspace(f[k - 1], f[k], _PARTS + 1)[1:-1].tolist())
+    return sorted(added)
 
 
-def _joined(one: Sweep, other: Sweep) -> Sweep:
-    """Return both sweeps as one with ascending frequencies, each of them once."""
-    frequency, rows = np.unique(np.concatenate([s.response.frequency for s in (one, other)]), return_index=True)
-    ratio = np.concatenate([s.response.gain * np.exp(1j * np.nan_to_num(s.response.phase)) for s in (one, other)])
-    return Sweep(one.amplitude, of_ratio(frequency, ratio[rows]),
-                 np.concatenate([one.active, other.active], axis=1)[:, rows])
+def _sweep(amplitude: float, measured: Mapping[float, Array]) -> Sweep:
+    """Return the sweep with the results of :func:`sines` by frequency [Hz]."""
+    frequency = sorted(measured)
+    ratio, *active = np.array([measured[each] for each in frequency]).T
+    return Sweep(amplitude, of_ratio(np.array(frequency), ratio), np.real(active))
 
 
-def replay(values: Mapping[str, Any], start: Array, command: Array, motion: Mapping[str, Array], model: str = NONLINEAR
-           ) -> tuple[Array, Array]:
-    """Return the controllers' reference [V] and unlimited speed reference [rad/s] along recorded motions.
-
-    Arrays are [samples, runs]: fin `command` [rad]; in `motion`, motor angle [rad], speed [rad/s] and current [A]. Each
-    motion begins at rest at its fin angle `start` [rad]. As in the core, the command arrives over the bus.
-    """
-    angle, speed, current = (motion[name] for name in ("motor_angle", "motor_speed", "motor_current"))
-    actuator = get(model)
-    p, plant = actuator.equation_parameters(FLOATS, actuator.namespace(values)), actuator.plant(values)
-    turned = sensors.motor_counts(ARRAYS, p, angle[0])
-    loops = controllers.at_rest(
-        ARRAYS, p, sensors.measure(ARRAYS, p, plant, angle[0], angle[0], 0.0, turned), start)
-    latency = int(command_bus.latency(FLOATS, p))
-    delayed = np.concatenate([np.zeros((latency, *command.shape[1:])), command])
-    wait, previous = command_bus.start(ARRAYS, p, start).values()
-    reference, raw = np.empty_like(command), np.empty_like(command)
-    for k in range(len(command)):
-        arrived, wait, previous = command_bus.delivered(ARRAYS, p, delayed[k], wait, previous)
-        measured = sensors.measure(ARRAYS, p, plant, angle[k], angle[k], speed[k], turned)
-        out = controllers.sample(ARRAYS, p, loops, measured, current[k], arrived)
-        loops, turned = out.loops, measured.motor_counts
-        reference[k], raw[k] = out.reference, out.speed_raw
-    return reference, raw
-
-
-def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torque: float = 0.0,
-           amplitudes: Sequence[float] = AMPLITUDES, model: str = NONLINEAR,
-           progress: Progress = silent) -> list[Sweep]:
+def sweeps(subject: Subject, highest: float, at: float = 0.0, aero_torque: float = 0.0,
+           amplitudes: Sequence[float] = AMPLITUDES, progress: Progress = silent) -> list[Sweep]:
     """Return sweeps up to `highest` [Hz] at those amplitudes [deg] that are within the range of commands.
 
     If none is, the amplitude is the limit of the range. The mean fin angle is `at` [rad], or as near to it as the
     amplitude allows within this range.
     """
-    limit = float(values["command.limit"])
-    chosen = [radians(size) for size in amplitudes if radians(size) <= limit * (1.0 + 1e-9)] or [limit]
-    rooms = [max(limit - size, 0.0) for size in chosen]
-    about = [min(max(at, -room), room) for room in rooms]
-    period = float(values["controller.sample_time"])
-    batch_size = max(1, int(_NUMBERS * period / ((_SETTLE + _WINDOW) * _POINTS)))
-    merged: dict[int, Sweep] = {}
-    missing = dict.fromkeys(range(len(chosen)), frequencies(period, highest))
+    limit, period = subject.command_limit, float(subject.values["controller.sample_time"])
+    chosen = np.array([radians(size) for size in amplitudes if radians(size) <= limit * (1.0 + 1e-9)] or [limit])
+    rooms = np.maximum(limit - chosen, 0.0)
+    about = np.clip(at, -rooms, rooms)
+    grid = np.geomspace(_LOWEST, min(highest, 0.4 / period), _POINTS).tolist()
+    batch_size = max(1, int(_NUMBERS * period / (_TRANSIENT[1] + _FITTED[1])))
+    measured: list[dict[float, Array]] = [{} for _ in chosen]
+    missing = [(k, frequency) for k in range(len(chosen)) for frequency in grid]
     while missing:  # at first all frequencies, then those around crossings
-        measured: list[Sweep] = []
         for first in range(0, len(missing), batch_size):
-            batch = [(chosen[k], about[k], frequency) for k, frequency in [*missing.items()][first:first + batch_size]]
-            sizes, all_hertz = np.degrees([each[0] for each in batch]), np.concatenate([each[2] for each in batch])
-            progress(f"sines of {sizes[0]:g} to {sizes[-1]:g} deg, {min(all_hertz):.3g} to {max(all_hertz):.3g} Hz",
-                     first, len(missing))
-            measured += sines(values, batch, aero_torque, model)
-        before = merged.copy()
-        for k, finer in zip(missing, measured, strict=True):
-            merged[k] = _joined(merged[k], finer) if k in merged else finer
-        # With a long sample time, no sine with whole periods may exist between two frequencies.
-        missing = {k: between for k in missing
-                   if k not in before or len(merged[k].response.frequency) > len(before[k].response.frequency)
-                   if len(between := _between(merged[k]))}
-    return list(merged.values())
+            k, frequency = map(np.array, zip(*missing[first:first + batch_size], strict=True))
+            progress(f"sines of {frequency.min():.3g} to {frequency.max():.3g} Hz", first, len(missing))
+            results = sines(subject, chosen[k], frequency, about[k], aero_torque)
+            for row, each, result in zip(k.tolist(), frequency.tolist(), results, strict=True):
+                measured[row][each] = result
+        made = [_sweep(*each) for each in zip(chosen.tolist(), measured, strict=True)]
+        missing = [(k, frequency) for k, s in enumerate(made) for frequency in _between(s)]
+    return made

@@ -6,10 +6,10 @@ from math import degrees, isnan, nan, radians
 
 import numpy as np
 
-from ...bench.excitation import LOAD, Excitation, load_ramp, sine, times
-from ...bench.frequency_response import fundamental, held
+from ...bench.excitation import LOAD, Excitation, load_ramp, times
+from ...bench.frequency_response import Sines, held
 from ...bench.measure import Test, obstacle
-from ...bench.metrics import breakaway
+from ...bench.metrics import CREPT, breakaway
 from ...motions import STEP
 from ...parameters import Scalar
 from ...simulation import Array
@@ -23,7 +23,6 @@ RAMP = 5.0  # s, in which the breakaway ramp reaches the rated load
 HELD, WITHIN = 2.0, 1.02  # s, of a moment that breaks the fin away; largest ratio of two moments that enclose it
 LEFT, MOVING = 1.0, 1e-5  # deg and rad, a motion of a fin that broke away: in all, or in the last quarter of the hold
 BELOW, ABOVE = 0.8, 2.0  # unpowered load amplitudes, relative to the smaller and to the larger breakaway moment
-LOCKED = 1e-8  # rad, largest peak-to-peak motion of a friction-locked fin
 _UNPOWERED = {"enable": False}
 
 _SIZE = "magnitude of the ratio of the fundamentals of hinge moment and fin angle"
@@ -50,13 +49,14 @@ def sweep(rig: Rig, amplitude: float, powered: bool) -> tuple[Array, bool, list[
     """
     stiffness, locked, stops = [], True, []
     for frequency in FREQUENCIES:
-        wave = sine(amplitude, frequency, CYCLES, SETTLE, LOAD)
+        sines = Sines(np.array([frequency]), SETTLE, (CYCLES, 0.0), drift=True)
+        wave = sines.excitation(amplitude, LOAD).of(0)
         run = rig.run(wave if powered else wave.holding(_UNPOWERED)).columns
-        time, angle = (run[name][wave.judged(run["time"])] for name in ("time", "fin_angle"))
-        moved, stopped = bool(np.ptp(angle) > LOCKED), bool(np.any(run["at_stop"] > 0.5))
+        (fundamental,), rows = sines.fit(run["fin_angle"][np.newaxis])
+        moved, stopped = bool(np.ptp(rows) > CREPT), bool(np.any(run["at_stop"] > 0.5))
         locked &= not moved
         stops += [frequency] * stopped
-        stiffness.append(held(amplitude, frequency, STEP) / fundamental(time, angle, frequency)
+        stiffness.append(held(amplitude, frequency, STEP) / fundamental
                          if moved and not stopped else complex(nan, nan))
     return np.array(stiffness), locked, stops
 
