@@ -25,28 +25,29 @@ _MECHANICS = ("kinematics.moment_arm", "screw.lead", "inertia.motor", "friction.
 OF_LOOP = ("motor.inductance", "drive.kp", "drive.ki", "drive.current_gain")
 """Parameters that a capability implies only for a drive whose structure has a current loop."""
 
-MOTOR_CURRENT = _capability("a motor current", "motor_current", "motor.resistance", "motor.torque_constant",
-                            "motor.back_emf_constant")
+MOTOR_CURRENT = _capability("a motor current that follows from winding parameters", "motor_current",
+                            "motor.resistance", "motor.torque_constant", "motor.back_emf_constant")
 PROPORTIONAL_TORQUE = _capability("a torque in proportion to the motor current", "motor_current", "motor_torque",
                                   "motor.torque_constant")
 CURRENT_LOOP = _capability("a current loop", "drive.kp", "drive.ki", "drive.current_gain", "motor_voltage",
                            shared=("drive.current_gain",))
 CURRENT_LIMIT = _capability("a limit of the motor current", "drive.current_limit")
-VOLTAGE_LIMIT = _capability("a supply that limits the motor voltage", "supply_voltage", "drive.supply_voltage",
+VOLTAGE_LIMIT = _capability("a current loop whose voltage the supply limits", "supply_voltage", "drive.supply_voltage",
                             "motor_voltage", "motor.inductance")
 RETURNS_POWER = _capability("a motor that returns power to its supply", "motor_current", "motor_voltage")
-COULOMB_FRICTION = _capability("Coulomb friction at the motor", "friction.coulomb.positive[0]",
+COULOMB_FRICTION = _capability("friction.coulomb at the motor", "friction.coulomb.positive[0]",
                                "friction.coulomb.negative[0]")
-DRY_FRICTION = _capability("dry friction at motor and hinge", "friction.coulomb.positive[0]",
-                           "friction.table.coulomb[0]", "friction.fin_coulomb", "motor_speed",
+DRY_FRICTION = _capability("friction.coulomb at the motor and friction.fin_coulomb at the hinge",
+                           "friction.coulomb.positive[0]", "friction.table.coulomb[0]", "friction.fin_coulomb",
+                           "motor_speed",
                            states=("motor_angle", "motor_speed"))
 RIGID_DRIVE_LINE = _capability("a rigid drive line", "motor_angle", "motor_speed", states=("motor_angle",))
 MOTOR_SHAFT = _capability("a motor shaft fixed to its screw or worm", "motor_angle", "motor_speed")
 BACKLASH = _capability("backlash", "drive_line.backlash")
 SCREW_LOAD = _capability("a screw without losses", "screw.lead", "motor_speed", "motor_torque", shared=_MECHANICS)
-REFERENCE_LIMIT = _capability("a drive whose reference has a limit", "drive.reference_limit")
-ENCODER = _capability("an encoder on motor or fin", "encoder.pulses", "encoder.multiplier", "encoder.enabled",
-                      states=("counts",))
+REFERENCE_LIMIT = _capability("a drive whose analogue reference has a limit", "drive.reference_limit")
+ENCODER = _capability("an incremental encoder on motor or fin", "encoder.pulses", "encoder.multiplier",
+                      "encoder.enabled", states=("counts",))
 SCREW_DRIVE = _capability("motor, gear and hinge with their inertia and friction", "inertia.motor", "inertia.fin",
                           shared=_MECHANICS)
 SCREW_AND_LEVER = _capability("a screw and a lever", "screw.lead", "kinematics.moment_arm", shared=_MECHANICS)

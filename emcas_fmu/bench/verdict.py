@@ -156,11 +156,11 @@ def judged(r: Requirement, figures: Sequence[Measured], subject: Subject) -> Jud
     worst = worst_of(figures)
     fixed["case"] = case = worst.case.name if len(r.cases) > 1 else ""
     fixed["how"] += f"; worst in the case {case}" if case else ""
-    if not isfinite(worst.measured):
-        return Judged(**fixed, measured=None, note=_why(r, worst.measured))
     clipped = r.test and r.test.amplitude > subject.command_limit * (1.0 + 1e-9)
-    return Judged(**fixed, measured=worst.measured * factor,
-                  note=f"commands are clipped to {degrees(subject.command_limit):.6g} deg" if clipped else "",
+    note = f"commands are clipped to {degrees(subject.command_limit):.6g} deg" if clipped else ""
+    if not isfinite(worst.measured):
+        return Judged(**fixed, measured=None, note="; ".join(filter(None, (note, _why(r, worst.measured)))))
+    return Judged(**fixed, measured=worst.measured * factor, note=note,
                   beyond=r.figure in TESTS["sine"].figures and bool(bound(worst.measured)))
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from ..actuators import NONLINEAR, full_name
 from ..errors import EmcasError
+from ..pages.numbers import with_unit
 from . import common
 
 EPILOG = common.examples("fit", "", "-p my_actuator.toml --output my_second_order.toml", last=[
@@ -34,7 +35,7 @@ def fit(
     common.write_json(fitted.figures(), as_json)
     entries = {e.variable.name: e for e in fitted.parameters.entries}
     for name in fitting.FITTED:
-        common.out.print(f"{name} = {entries[name].value:.4g} {entries[name].variable.unit}")
+        common.out.print(f"{name} = {with_unit(entries[name].value, entries[name].variable.unit)}")
     common.conclude([common.table(["step / deg", "largest difference / %", "rms / %"], (
         [f"{size:g}", f"{largest:.2g}", f"{rms:.2g}"]
         for size, largest, rms in zip(fitted.sizes, fitted.largest, fitted.rms, strict=True)))], output)

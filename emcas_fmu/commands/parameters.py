@@ -62,7 +62,8 @@ def parameters(
              else str(record["value"]).lower()} for record in records]
     common.out.print(common.table(
         [">" * (name == "value") + name.replace("_", " ") for name in columns],
-        ([str(row[name]) for name in columns] for row in rows), "EM-CAS parameters", whole=range(4)))
+        ([str(row[name]) for name in columns] for row in rows), f"Parameters of {chosen.actuator.name}",
+        whole=range(4)))
     if not notes:
         common.out.print("A wider terminal, or --json, also shows the note on each value.")
     if parameters:

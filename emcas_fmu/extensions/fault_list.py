@@ -38,7 +38,7 @@ class Fault(PlantFault):
     """A general fault.
 
     The actuator must provide one of the capabilities in `needs`, if there are any; for a fault `of_supply` it must have
-    a supply. A fault `of_signals` acts in samples only: on commands, readings of the encoder, or the reference.
+    a supply. A fault `of_signals` acts in samples only: on commands, readings of the position sensor, or the reference.
     """
 
     changes: Callable[[Ops, Any, Any], Values] = lambda ops, p, amounts: {}
@@ -73,13 +73,13 @@ FAULTS = (
           needs=(capabilities.CURRENT_LIMIT,)),
     Fault("brown_out", "the supply sags", amounts=(
         tunable("share", "1", 0.0, 1.0, "remaining share of the supply"),), of_supply=True),
-    Fault("encoder_freeze", "the encoder counts no motion", of_signals=True),
-    Fault("encoder_bias", "the encoder reads too much", amounts=(
-        tunable("angle", "rad", -0.5, 0.5, "excess of the encoder's reading, as an angle of the fin"),),
+    Fault("encoder_freeze", "the position sensor shows no motion", of_signals=True),
+    Fault("encoder_bias", "the position sensor reads too much", amounts=(
+        tunable("angle", "rad", -0.5, 0.5, "excess of the sensor's reading, as an angle of the fin"),),
         of_signals=True),
-    Fault("encoder_dropped", "the encoder misses counts of positive motion", amounts=(
-        tunable("share", "1", 0.0, 1.0, "share of the counts of positive motion that are missed"),), of_signals=True),
-    Fault("encoder_reversed", "the encoder counts backwards", of_signals=True),
+    Fault("encoder_dropped", "the position sensor misses a share of positive motion", amounts=(
+        tunable("share", "1", 0.0, 1.0, "share of positive motion that is missed"),), of_signals=True),
+    Fault("encoder_reversed", "the position sensor shows motion backwards", of_signals=True),
     Fault("command_freeze", "commands no longer arrive; the last one is held", of_signals=True),
     Fault("command_delay", "commands arrive late", amounts=(
         tunable("time", "s", 0.0, 5.0, "delay of commands, in whole samples, at most "

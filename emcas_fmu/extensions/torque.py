@@ -46,8 +46,8 @@ HINGE_RATE = real_input("hinge_rate", "rad/s", "angular rate of the host's fin, 
 OUTPUTS = (
     real_output("actuator_torque", "N.m", "torque of the actuator on the host's fin, constant over the step, positive "
                 "along positive fin angle; without the torque that accelerates the armature", 100.0),
-    real_output("armature", "kg.m2", "constant inertia of motor and screw about the hinge, which the host adds to the "
-                "fin's", 1.0, minimum=0.0),
+    real_output("armature", "kg.m2", "constant inertia of motor and screw or worm about the hinge, which the host adds "
+                "to the fin's", 1.0, minimum=0.0),
 )
 _BEFORE = -1.0  # s, `step_met` before the first step
 STATES = (State("step_met", "s", "beginning of the step to which the states belong"),

@@ -241,6 +241,9 @@ def test_encoder_count_at_the_fin(values: Mapping[str, Any]) -> None:
     assert degrees(accuracy.detected_motion(Play())[0]) == pytest.approx(count(values))
     turn = 360.0 / (values["encoder.pulses"] * values["encoder.multiplier"])
     assert accuracy.detected_motion(Play(values={**values, "encoder.on_fin": True}))[0] == pytest.approx(radians(turn))
+    size, words = accuracy.detected_motion(Play(values={**values, "encoder.enabled": False}))
+    assert degrees(size) == pytest.approx(0.002)
+    assert words == "1 % of the accuracy of Table 2 of Yerlikaya (2016)"
 
 
 @pytest.mark.parametrize("initial", [0.0, 40.0])

@@ -14,17 +14,30 @@ from emcas_fmu.cli import app
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.analysis.analyse import _left_out
 from emcas_fmu.studies.analysis.envelope import envelope
+from emcas_fmu.studies.analysis.pictures import neglected
 from emcas_fmu.studies.validate.validation import validate
 from emcas_fmu.studies.validate.validation_output import write_report
 
 
 @pytest.mark.parametrize(("model", "need"), [
-    ("nonlinear+stribeck", "Coulomb friction at the motor, which the extension stribeck replaces"),
+    ("nonlinear+stribeck", "friction.coulomb at the motor, which the extension stribeck replaces"),
     ("nonlinear+lugre", "a screw without losses, which the extension lugre replaces"),
     ("clutch", "a current loop, which clutch does not have")])
 def test_the_reason_is_the_extension_that_replaces_a_capability(model: str, need: str) -> None:
     reasons = _left_out(model, load_parameters(model=model).values)
     assert reasons["capability"] == f"torque-speed capability left out: needs {need}"
+
+
+@pytest.mark.parametrize(("model", "changes", "effects"), [
+    ("nonlinear", {}, "friction, compensation, counts"),
+    ("worm-gear", {"worm.friction": 0.0, "friction.fin_coulomb": 0.0, "friction.coulomb.positive[0]": 0.0,
+                   "friction.coulomb.negative[0]": 0.0, "encoder.enabled": False}, ""),
+    ("servo", {}, "friction, resolution, backlash"), ("servo", {"encoder.enabled": False}, "friction, backlash"),
+    ("electrohydraulic", {}, "friction, resolution"), ("linear", {}, "")])
+def test_effects_that_linear_models_leave_out_are_those_of_the_parameters(
+        model: str, changes: dict[str, float], effects: str) -> None:
+    parameters = load_parameters(model=model).with_values(changes)
+    assert ", ".join(neglected(parameters.actuator, parameters.values)) == effects
 
 
 def test_numbers_of_the_thesis_do_not_depend_on_a_users_rod(tmp_path: Path) -> None:
@@ -38,6 +51,9 @@ def test_numbers_of_the_thesis_do_not_depend_on_a_users_rod(tmp_path: Path) -> N
         done.output.split())
     text = " ".join(unescape(page.read_text(encoding="utf-8")).split())
     assert "6.737 and 22.22 × 10 Hz" in text
+    # A weak drive limits even small steps.
+    assert "Small steps differ because of friction, its compensation and the encoder's counts, any step if a" in text
+    assert "Small amplitudes lose bandwidth to friction and counts, any amplitude if a limit acts." in text
     assert "× 15 Hz" in text
     # (R + kp)/ki of the set: 5.25 V/A over 2083 V/(A.s).
     assert "the drive's integral adds the rest within some 2.5 ms." in text
@@ -50,6 +66,12 @@ def test_no_load_speed_is_where_the_torque_of_an_envelope_ends() -> None:
         last = found.speed[np.flatnonzero(curve.torque > 0.0)[-1]]
         assert last <= curve.no_load_speed <= last + step * (1.0 + 1e-9)
     assert found.continuous.no_load_speed < found.short_term.no_load_speed - step
+
+
+def test_friction_in_the_cold_is_not_claimed_to_be_higher(tmp_path: Path) -> None:
+    same = {f"friction.table.{name}[{k}]": 1.0 for name in ("viscous", "coulomb") for k in range(5)}
+    write_report(validate(ParameterSubject(load_parameters().with_values(same)), ["cold"]), tmp_path / "page.html")
+    assert "Steps at -6 degC." in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("clipped", [False, True])

@@ -66,3 +66,10 @@ def test_note_of_max_tick_has_the_largest_stepping_error(model: str) -> None:
     worst = max(stepping_error(parameters, case.name) for case in files.cases(parameters.model, parameters.values))
     # The note is rounded up, since rounding differs between processors: 0.00022 deg, or less than 0.0002 deg.
     assert float(bound[1]) / 3.0 < worst < float(bound[1])
+
+
+def test_clipped_commands_of_the_cases_are_named() -> None:
+    clipped, whole = (accuracy.stepping(Rig(ParameterSubject(load_parameters(model="linear").with_values(
+        {"command.limit": np.radians(limit)})))).method for limit in (12.0, 20.0))
+    assert clipped.endswith(" Commands are clipped to 12 deg.")
+    assert "clipped" not in whole

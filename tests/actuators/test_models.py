@@ -194,3 +194,11 @@ def test_unknown_actuators_and_parameters_are_refused() -> None:
         load_parameters().with_values({"second_order.damping": 0.5})
     with pytest.raises(ParameterError, match=r"second_order.damping = -1\.0"):
         load_parameters(model=MODEL).with_values({"second_order.damping": -1.0})
+
+
+@pytest.mark.parametrize(("model", "word"), [
+    ("linear", "encoder"), ("electrohydraulic+faults", "the encoder"), ("electrohydraulic", "thesis"),
+    ("electrohydrostatic", "thesis")])
+def test_descriptions_name_no_part_that_the_actuator_lacks(model: str, word: str) -> None:
+    actuator = get(model)
+    assert [v.name for v in (*actuator.parameters, *actuator.inputs, *actuator.outputs) if word in v.description] == []

@@ -198,6 +198,9 @@ def test_clipped_command_misses_the_range_and_the_note_says_so() -> None:
     assert "commands are clipped to 15 deg" in str(found["range"])
     assert "clipped" not in found["rest"].note  # it is a step to 100 % of the clipped range
     assert "clipped" not in judge_default({}, "range")["range"].note
+    # A slew of 20 deg at 5 deg never travels far enough for a rate.
+    assert judge_default({"command.limit": radians(5.0)}, "unloaded_rate")["unloaded_rate"].note.startswith(
+        "commands are clipped to 5 deg; the response never reaches")
 
 
 class OneSided(Oscillating):

@@ -229,7 +229,7 @@ def test_refusals() -> None:
                             (["--model", "ristanovic+heat+faults"],
                              "an envelope needs a limit of the motor current; ristanovic+heat+faults has none"),
                             (["--model", "ozkan+heat"],
-                             "an envelope needs a supply that limits the motor voltage; ozkan+heat has none"),
+                             "an envelope needs a current loop whose voltage the supply limits; ozkan+heat has none"),
                             (["--preload", "1"], "from 0 to below 1"),
                             (["--model", "second-order+heat"], "needs a motor current"),
                             (["--plot", "a.jpeg"], "the name of a plot must end in")):

@@ -119,8 +119,8 @@ def test_with_dead_time_a_sweep_meets_the_voltage_limit_earlier(more: str, pairs
 
 def test_the_analysis_names_dead_time_as_neglected() -> None:
     words = "the inverter's dead time"
-    assert words in neglected(get(MODEL)).values()
-    assert words not in neglected(get("nonlinear")).values()
+    assert words in neglected(get(MODEL), load_parameters(model=MODEL).values).values()
+    assert words not in neglected(get("nonlinear"), load_parameters().values).values()
 
 
 # -- diodes of an open bridge --------------------------------------------------------------------------------------

@@ -123,8 +123,8 @@ def test_extensions_may_be_named_in_any_order() -> None:
 
 
 VOLTAGE_LIMIT, COULOMB, REFERENCE_LIMIT = (
-    "supply needs a supply that limits the motor voltage", "stribeck needs Coulomb friction at the motor; ",
-    "homing needs a drive whose reference has a limit; ")
+    "supply needs a current loop whose voltage the supply limits", "stribeck needs friction.coulomb at the motor; ",
+    "homing needs a drive whose analogue reference has a limit; ")
 SCREW = (r"model {0}\+efficiency: efficiency needs a screw without losses; {0} has none; "
          "choose nonlinear, ristanovic or elastic")
 
@@ -135,11 +135,11 @@ SCREW = (r"model {0}\+efficiency: efficiency needs a screw without losses; {0} h
     ("heat+faults", r"heat is an extension; name an actuator before it, as in nonlinear\+heat\+faults"),
     ("nonlinear+lugre+efficiency", "efficiency"),
     ("second-order+heat", r"second-order\+heat: heat needs a motor current"),
-    ("nonlinear+stribeck+lugre", "lugre needs Coulomb friction at the motor, which stribeck replaces"),
+    ("nonlinear+stribeck+lugre", "lugre needs friction.coulomb at the motor, which stribeck replaces"),
     ("linear+stribeck", f"{COULOMB}linear has none; choose nonlinear, "),
     ("second-order+stribeck", f"{COULOMB}second-order has none"),
     *((f"{model}+lugre", f"lugre needs {need}; {model} has none; choose nonlinear$") for model, need in (
-        ("linear", "Coulomb friction at the motor"), ("second-order", "a rigid drive line"),
+        ("linear", "friction.coulomb at the motor"), ("second-order", "a rigid drive line"),
         ("elastic", "a rigid drive line"), ("ristanovic", "a current loop"), ("habibi", "a rigid drive line"),
         ("ozkan", "a rigid drive line"))),
     *((f"{model}+efficiency", SCREW.format(model)) for model in ("linear", "second-order", "habibi", "ozkan")),
@@ -182,3 +182,13 @@ def test_homing_recovers_missed_counts() -> None:
 
 def test_neutral_values_are_listed_for_every_extension_that_has_them() -> None:
     assert set(EXTENSIONS) == {*NEUTRAL, "lugre", "supply"}
+
+
+@pytest.mark.parametrize(("extension", "need"), [
+    ("heat", "a motor current that follows from winding parameters"), ("supply", "a current loop whose voltage"),
+    ("sensors", "an incremental encoder"), ("homing", "a drive whose analogue reference"),
+    ("stribeck", "friction.coulomb at the motor")])
+def test_an_error_denies_no_part_of_the_servo(extension: str, need: str) -> None:
+    """A servo has a motor current, a limited voltage, an absolute encoder, a limit of its PWM and dry friction."""
+    with pytest.raises(EmcasError, match=f"{extension} needs {need}"):
+        get(f"servo+{extension}")

@@ -94,8 +94,8 @@ _OTHER_SUPPLY = "em.Supply({}, {}, inverse_inductance="
     (("parameters=PARAMETERS", 'parameters=(*PARAMETERS, em.array("x", 2, "m", 0.0, 1.0, ""))'),
      "ACTUATOR = em.Actuator(", "an entry of parameters is a list; write * before it"),
     (("states=(*em.FIN", "states=(em.FIN"), "ACTUATOR = em.Actuator(", "an entry of states is a list"),
-    (("em.capabilities.POSITION_LOOP}", "'a motor curent'}"), "ACTUATOR = em.Actuator(",
-     "did you mean a motor current?"),
+    (("em.capabilities.POSITION_LOOP}", "'a curent loop'}"), "ACTUATOR = em.Actuator(",
+     "did you mean a current loop?"),
     (("em.capabilities.POSITION_LOOP}", "em.capabilities.CURRENT_LIMIT}"), "ACTUATOR = em.Actuator(",
      "which needs drive.current_limit"),
 ])
@@ -262,9 +262,10 @@ def test_a_missing_reference_is_refused(tmp_path: Path) -> None:
 
 def test_an_extension_names_missing_capabilities_and_variables() -> None:
     with pytest.raises(EmcasError, match=re.escape(
-            "homing needs a drive whose reference has a limit, an encoder on motor or fin, a motor current; let "
-            "direct-drive provide em.capabilities.REFERENCE_LIMIT, em.capabilities.ENCODER, em.capabilities."
-            "MOTOR_CURRENT and declare drive.reference_limit, encoder.pulses, encoder.multiplier, encoder.enabled, "
+            "homing needs a drive whose analogue reference has a limit, an incremental encoder on motor or fin, a "
+            "motor current that follows from winding parameters; let direct-drive provide em.capabilities."
+            "REFERENCE_LIMIT, em.capabilities.ENCODER, em.capabilities.MOTOR_CURRENT and declare "
+            "drive.reference_limit, encoder.pulses, encoder.multiplier, encoder.enabled, "
             "state counts, or choose nonlinear, ristanovic")):
         get(f"{FILE}+homing")
 

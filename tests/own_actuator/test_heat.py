@@ -100,7 +100,7 @@ def test_heat_and_demagnetisation_both_reduce_the_motor_constants(model: str) ->
 
 
 def test_capabilities_that_heat_needs(tmp_path: Path) -> None:
-    with pytest.raises(EmcasError, match=r"heat needs a motor current; let direct-drive provide em\.cap"):
+    with pytest.raises(EmcasError, match=r"winding parameters; let direct-drive provide em\.cap"):
         get(f"{MODEL}+heat")
     path = changed(tmp_path, (PROVIDES, "provides=frozenset({em.capabilities.MOTOR_CURRENT})"))
     assert load_parameters(model=f"{path}+heat").values["friction.temperature"] == 24.0

@@ -249,6 +249,14 @@ def test_margin_and_objective_far_beyond_the_limit_are_shown_as_bounds(off: floa
     assert f"; {nearby} if the third digit" in objectives(result)
 
 
+def test_returned_objective_never_looks_worse_than_the_initial_one(tmp_path: Path) -> None:
+    study = study_of("nonlinear", PAIR[:1], tmp_path, {})
+    result, _, _ = shown(study, study.requirements[0].limit * 1.3001, tmp_path)
+    judged = [replace(j, share=j.share * 1.3003 / 1.3001) for j in result.best.judgements]
+    before = replace(result, before=replace(result.best, judgements=tuple(judged)))
+    assert objectives(before).startswith("objective: 1.3005 initial, 1.3003 returned")
+
+
 @pytest.mark.drawn
 def test_axes_of_the_trade_off_are_shares(tmp_path: Path) -> None:
     """The share of a minimum is its reciprocal: measured/limit would be met above 1."""

@@ -49,6 +49,12 @@ def test_no_markup_is_left(model: str, fins: int, monkeypatch: pytest.MonkeyPatc
     assert "emcas_fmu." not in text
 
 
+def test_page_has_no_equations_of_another_drive_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = page("servo", 1, monkeypatch)
+    assert "A hobby servo's motor and gear" in text.replace("&#39;", "'")
+    assert "about the screw" not in text
+
+
 def test_references_and_names_are_code(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "elastic drive line between them (<code>physics.drive_line</code>)" in page("elastic", 1, monkeypatch)
     assert "unless <code>encoder.on_fin</code> selects a second" in page("elastic", 1, monkeypatch)

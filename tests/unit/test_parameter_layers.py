@@ -106,7 +106,10 @@ def test_fit_keeps_sources_and_notes(files: tuple[Path, Path]) -> None:
     limit = low.with_name("limit.toml")
     limit.write_text('command.limit = { value = 21, unit = "deg", source = "datasheet", note = "a \\"note\\"" }\n',
                      encoding="utf-8")
-    assert emcas("fit", "-p", low, "-p", limit, "-o", "fitted.toml").exit_code == 0
+    done = emcas("fit", "-p", low, "-p", limit, "-o", "fitted.toml")
+    assert done.exit_code == 0
+    assert "second_order.damping = " in done.output
+    assert " 1\n" not in done.output  # no unit 1 that reads as a digit
     fitted = {e.variable.name: e for e in load_parameters("fitted.toml", model="second-order").entries}
     assert (fitted["command.limit"].source, fitted["command.limit"].note) == ("datasheet", 'a "note"')
     assert "motor.resistance" not in fitted

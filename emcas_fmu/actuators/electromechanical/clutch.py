@@ -62,7 +62,8 @@ _AMPLIFIERS = Group(fin_port.described({
     "drive.current_gain": "net coil current demanded per volt of reference",
     "drive.current_offset": "net coil current demanded at zero reference",
     "drive.kp": "proportional gain of the coils' amplifiers",
-}, (*groups.CURRENT_GAIN.parameters, *groups.CURRENT_LIMIT.parameters, groups.KP)))
+}, (*groups.CURRENT_GAIN.parameters, *groups.CURRENT_LIMIT.parameters, groups.KP)),
+    imperfections=groups.CURRENT_LIMIT.imperfections)
 FAULTS = (
     *clutches.faults("the motor keeps turning in its clutches",
                      ("coil.connected_1", "the clutch that turns the screw with the motor"),

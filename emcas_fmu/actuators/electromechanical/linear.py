@@ -25,9 +25,9 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
 
 COMPOSITION = interface.composed(
     moment, groups.LEVER, groups.SCREW, groups.VELOCITY_LOOP, groups.POSITION_LOOP, groups.VISCOUS,
-    groups.HINGE.reworded({"command, speed, DAC, current or voltage": "command"}), groups.SHAFT, groups.MOTOR,
-    groups.CURRENT, groups.POWER, groups.INDUCTANCE, groups.DELAY, groups.CURRENT_GAIN, groups.CURRENT_LOOP,
-    groups.PHASES)
+    groups.HINGE.reworded({"command, speed, DAC, current or voltage": "command", " from the encoder": ""}),
+    groups.SHAFT, groups.MOTOR, groups.CURRENT, groups.POWER, groups.INDUCTANCE, groups.DELAY, groups.CURRENT_GAIN,
+    groups.CURRENT_LOOP, groups.PHASES)
 
 
 def _linear(_: Ops, p: Any) -> Any:

@@ -94,7 +94,7 @@ _GEAR = Group((
     *groups.HINGE_FRICTION.parameters), (
     Output(real_output("gear_torque", "N.m", "torque from the gear to the fin", 10.0),
            lambda ops, p, m: servo.gear_torque(ops, p, m.x, m.u)),),
-    imperfections={as_built.BACKLASH: {"gear.backlash": 0.0}, as_built.COMPLIANCE: {"gear.stiffness": 1e7}})
+    imperfections={as_built.BACKLASH: {"gear.backlash": 0.0}, as_built.COMPLIANCE: {"gear.stiffness": 1e5}})
 _POWER = Group(outputs=(Output(interface.SUPPLY_POWER, lambda ops, p, m: servo.current(ops, p, m.x, m.u)
                                * servo.voltage(ops, p, m.x, m.u)),), terminal="",
                provides=(capabilities.SUPPLY_VOLTAGE,))
@@ -182,5 +182,5 @@ ACTUATOR = Actuator(
     transport_delay=fin_port.transport_delay,
     faults=FAULTS,
     reference="emcas_fmu.reference.servo",
-    modules=(sys.modules[__name__], mechanics, servo, firmware, discontinuities),
+    modules=(sys.modules[__name__], servo, firmware, discontinuities),
 )

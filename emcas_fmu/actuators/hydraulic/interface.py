@@ -24,7 +24,8 @@ CONTROLLER = (State("integral", "m/s", "integral of the position controller"),
 
 LEVER = groups.LEVER.reworded({"the screw axis": "the piston's axis"})
 POSITION_LOOP = Group(only(groups.POSITION_LOOP.parameters, "controller.position.kp", "controller.position.ki",
-                           "controller.position.setpoint_weight"), provides=(capabilities.POSITION_LOOP,))
+                           "controller.position.setpoint_weight"), provides=(capabilities.POSITION_LOOP,)).reworded(
+    {"the thesis's PI": "PI control"})
 HINGE = port(measured_fin_angle="fin angle that the controllers read from the transducer at the last sample")
 
 

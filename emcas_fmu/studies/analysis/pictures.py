@@ -32,13 +32,22 @@ _LIMIT_NAMES = {"rate": "speed reference", "current": "drive current", "voltage"
                 "dac": "analogue reference"}
 
 
-def neglected(actuator: Actuator) -> dict[str, str]:
-    """Return the names of an actuator's small effects that linear models leave out, by key."""
-    names = [v.name for v in actuator.parameters]
+_NOT_DRY = ("viscous", "friction.table.", "friction.temperature", "friction.identified", "deviation.", "stribeck")
+
+
+def neglected(actuator: Actuator, values: Mapping[str, Any]) -> dict[str, str]:
+    """Return the names of an actuator's small effects that linear models leave out, by key; none whose `values` are 0.
+    """
+    present = [v.name for v in actuator.parameters if values[v.name]]
+    dry = any("coulomb" in name or name.startswith("friction.") for name in present
+              if not any(word in name for word in _NOT_DRY))
+    encoder, motor = "encoder.enabled" in present, capabilities.ENCODER in actuator.provides
     effects = {
-        "friction": ("friction", any("coulomb" in name or name.startswith(("stribeck.", "lugre.")) for name in names)),
-        "compensation": ("its compensation", "compensation.gain" in names),
-        "counts": ("the encoder's counts", capabilities.ENCODER in actuator.provides),
+        "friction": ("friction", dry),
+        "compensation": ("its compensation", dry and "compensation.gain" in present),
+        "counts": ("the encoder's counts", encoder and motor),
+        "resolution": ("the sensor's resolution", "transducer.resolution" in present or (encoder and not motor)),
+        "backlash": ("backlash", any(name in present for name in ("drive_line.backlash", "gear.backlash"))),
         "dead time": ("the inverter's dead time", actuator.structure.inverter)}
     return {key: words for key, (words, exists) in effects.items() if exists}
 
@@ -188,8 +197,8 @@ def steps(analysis: Analysis) -> Drawing:
         axes.set(xlim=(0, end))
     plots.legend_above(figure, 4)
     differences = ", ".join(f"{s.difference:.0f} % at {abs(s.size):g} deg" for s in analysis.steps)
-    causes = list(neglected(analysis.actuator.actuator).values())
-    small = f"Small steps differ because of {_listed(causes)}, large ones" if causes else "Large steps differ"
+    causes = list(neglected(analysis.actuator.actuator, analysis.parameters.values).values())
+    small = f"Small steps differ because of {_listed(causes)}, any step" if causes else "Steps differ"
     return Drawing("Steps, linear and simulated", figure, "The fin angle over the step. Largest difference between "
                    f"simulated and linear: {differences}. {small} if a limit acts.")
 
@@ -217,9 +226,10 @@ def amplitudes(analysis: Analysis) -> Drawing:
     plots.legend_above(figure, 3)
     marks = ("Thin lines with marks: the lowest frequency at which a limit acts at some instant of the period. "
              if limits else "")
-    causes = [key for key in neglected(analysis.actuator.actuator) if key not in ("compensation", "dead time")]
-    small = f"Small amplitudes lose bandwidth to {_listed(causes)}, large ones" if causes else (
-        "Large amplitudes lose bandwidth")
+    causes = [key for key in neglected(analysis.actuator.actuator, analysis.parameters.values)
+              if key not in ("compensation", "dead time")]
+    small = f"Small amplitudes lose bandwidth to {_listed(causes)}, any amplitude" if causes else (
+        "Amplitudes lose bandwidth")
     return Drawing("Bandwidth against amplitude", figure, "Describing function by steady sines of the simulated "
                    "actuator, about the operating point or as near to it as the range of commands allows. "
                    f"{marks}{small} if a limit acts.")
@@ -304,8 +314,8 @@ def fin_capability(analysis: Analysis) -> Drawing:
     for axes, label in ((moment, "stall moment [N.m]"), (rate, "fin rate [deg/s]"), (ratio, "ratio R")):
         axes.set_ylabel(label)
     plots.legend_above(figure, 5)
-    return Drawing("Capability against fin angle", figure, "The ratio grows with the lever angle, so the fin is "
-                   "stronger and slower towards the ends. Left: the largest hinge moment against which the fin still "
+    return Drawing("Capability against fin angle", figure, "The ratio grows with the lever angle: the fin is then "
+                   "stronger and slower. Left: the largest hinge moment against which the fin still "
                    "moves. Middle: the largest steady rate that supply and drive current allow, without load and "
                    "against 100 N.m, and the rate at the controllers' speed limit.")
 

@@ -144,4 +144,5 @@ def write_report(analysis: Analysis, path: Path) -> None:
     f, actuator = figures_of(analysis), analysis.actuator
     write_page(path, "studies/analysis/page.html.j2", [analysis.parameters], f=f,
                tables=tables(f, actuator.reference_name), actuator=actuator.actuator, reference=actuator.reference_name,
-               small=neglected(actuator.actuator), pictures=plots.pictures(drawings(analysis)))
+               small=neglected(actuator.actuator, analysis.parameters.values),
+               pictures=plots.pictures(drawings(analysis)))

@@ -16,6 +16,7 @@ from ... import __version__
 from ...bench import verdict, writers
 from ...bench.conditions import conditions
 from ...bench.excitation import Excitation
+from ...bench.measure import Test, obstacle
 from ...bench.requirements import Requirement, Specification
 from ...bench.runs import StoppedError
 from ...bench.subject import ANGLE_KNOWN, Identity, Subject
@@ -53,7 +54,7 @@ class Acceptance:
 
     `load` is the hinge moment [N.m] of the tests, `rated_load` that of the requirements. `loads` are the moments [N.m]
     of requirements, by the names of the requirements. `low_supply` has the names of those at a low supply, whose limits
-    do not apply to the tests.
+    do not apply to the tests. `unloaded` is the reason why no load moves the fin; empty if loads do.
     """
 
     about: Identity
@@ -66,15 +67,17 @@ class Acceptance:
     model: str
     loads: Mapping[str, float]
     low_supply: frozenset[str]
+    unloaded: str
 
     @property
     def load_note(self) -> str:
-        """The loads of requirements in words, if the caller chose another load for the tests; otherwise empty."""
+        """The reason why no load moves the fin, or the loads of requirements if the tests have another; or empty."""
         others = sorted((load, name) for name, load in self.loads.items() if self.load not in (self.rated_load, load))
         words = [f"{load:g} N.m: {', '.join(name for _, name in group)}"
                  for load, group in groupby(others, lambda other: other[0])]
-        return (f"tests and mission have a load of {self.load:g} N.m, but requirements are judged under their own: "
-                f"{'; '.join(words)}" if words else "")
+        return self.unloaded or (
+            f"tests and mission have a load of {self.load:g} N.m, but requirements are judged under their own: "
+            f"{'; '.join(words)}" if words else "")
 
     @property
     def stopped(self) -> Mapping[str, str]:
@@ -125,7 +128,8 @@ def carry_out(subject: Subject, *, load: float | None = None, profile: Excitatio
         _of_report(j, outcomes, chosen.file, of_report[j.name].optional) if j.name in of_report else j for j in judged),
         subject.values, subject.model, {r.name: abs(r.test.torque) for r in chosen.requirements
                                         if r.test and r.test.torque},
-        frozenset(r.name for r in chosen.requirements if r.test and r.test.supply != 1.0))
+        frozenset(r.name for r in chosen.requirements if r.test and r.test.supply != 1.0),
+        obstacle(Test("load", torque=rig.load), "peak_angle", subject))
 
 
 def flat_figures(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Scalar]]:

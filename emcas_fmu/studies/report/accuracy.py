@@ -56,6 +56,7 @@ STEPPING = (Quantity("fin_angle_deg", "largest difference between both fin angle
 def static(rig: Rig) -> Outcome:
     """Measure the errors on the grid, `CYCLES` times up and down, without and with each tolerance."""
     (cases, file), targets = rig.tolerances, np.linspace(-rig.limit, rig.limit, INTERVALS + 1)
+    shipped = file.startswith("models/")
     variants = {"grid": {}, **{
         case.name: case.values for case in cases if case.values.keys() <= rig.subject.values.keys()}}
     # Each cycle goes up from the lowest target and down again. The lowest target is approached from above only.
@@ -72,7 +73,7 @@ def static(rig: Rig) -> Outcome:
         measured = bidirectional(*errors)
         below, above = measured["means"]
         groups[name] = FigureGroup(
-            f"{name.replace('_', ' ')} (estimates)" if k else f"{len(targets)} angles",
+            f"{name.replace('_', ' ')} ({'estimates' if shipped else 'tolerances'})" if k else f"{len(targets)} angles",
             {q.key: measured[q.key.removesuffix("_deg")] for q in STATIC}, STATIC[:1 if k else 3],
             {"command_deg": targets, "error_from_below_deg": below, "error_from_above_deg": above,
              "reversal_deg": measured["reversal"]}, errors)
@@ -80,19 +81,21 @@ def static(rig: Rig) -> Outcome:
         f"{len(targets)} commands evenly over ±{rig.limit:g} deg, {CYCLES} times up and down, no load. Each is held "
         f"for {HOLD:g} s; its angle is the mean over the last {LAST:g} s. The ends of the range are approached from "
         "one side only and are not part of the hysteresis."
-        + f" With tolerances, the actuator deviates from the parameters in its controllers by the estimates in {file}."
+        + f" With tolerances, the actuator deviates from the parameters in its controllers by the "
+        f"{'estimates' if shipped else 'tolerances'} in {file}."
         * (len(variants) > 1), groups)
 
 
 def detected_motion(subject: Subject) -> tuple[float, str]:
     """Return the smallest detected motion [rad] and its description.
 
-    It is one encoder count at the fin, where a count is largest, if the shared encoder is on the fin or on the motor of
-    a screw; otherwise 1 % of the accuracy of Table 2 of Yerlikaya (2016).
+    It is one encoder count at the fin, where a count is largest, if the shared encoder is enabled and on the fin or on
+    the motor of a screw; otherwise 1 % of the accuracy of Table 2 of Yerlikaya (2016).
     """
     one_count = "one encoder count at the fin"
     provides, p = subject.actuator.provides, subject.actuator.namespace(subject.values)
-    if capabilities.ENCODER not in provides or not (p.encoder.on_fin or capabilities.SCREW_AND_LEVER in provides):
+    if capabilities.ENCODER not in provides or not p.encoder.enabled or not (
+            p.encoder.on_fin or capabilities.SCREW_AND_LEVER in provides):
         return ACCURACY / 100.0, "1 % of the accuracy of Table 2 of Yerlikaya (2016)"
     if p.encoder.on_fin:
         return float(sensors.resolution(p)), one_count
@@ -157,7 +160,7 @@ def threshold(rig: Rig) -> Outcome:
         f"within {WITHIN:g} s farther than without a step: {detected_as}. From rest: at 0 deg, before any motion. "
         f"After reversal: the fin moves {moved:g} deg and rests for {HOLD:g} s, then the command steps back. "
         "Increment: the same, but the command steps on. Each size has its own run; bisection ends within "
-        f"{100.0 * (RATIO - 1.0):.0f} %. Integral action answers even smaller commands later.",
+        f"{100.0 * (RATIO - 1.0):.0f} %. An integral, if the controller has one, answers even smaller commands later.",
         {name: group(label, before, settle)
          for name, label, before, settle in (
              ("from_rest", "threshold from rest", 0.0, REST),
@@ -167,7 +170,7 @@ def threshold(rig: Rig) -> Outcome:
 
 def stepping(rig: Rig) -> Outcome:
     """Compare the responses to reference cases with the tick as set and with a shorter one."""
-    subject, groups = rig.subject, {}
+    subject, groups, largest = rig.subject, {}, 0.0
     actuator, values = subject.actuator, subject.values
     tick = float(actuator.longest_tick(FLOATS, actuator.namespace(values)))
     for case in files.cases(subject.model, values):
@@ -177,8 +180,10 @@ def stepping(rig: Rig) -> Outcome:
                           for changed in ({}, {_TICK: tick / SHORTER}))
             difference = float(np.degrees(np.max(np.abs(one - other))))
             groups[case.name] = FigureGroup(case.title, {"fin_angle_deg": difference}, STEPPING)
+            largest = max(largest, degrees(float(np.max(np.abs(excitation.command)))))
     return Outcome(
         f"Reference cases with true angle and speed fed back, run with ticks of at most {1e3 * tick:.3g} ms, as set, "
         f"and of at most {1e3 * tick / SHORTER:.3g} ms ({_TICK}). The difference shows the error of the stepping in "
         "these motions with the article's parameters; it says nothing about the equations or about other motions. "
-        "Motions that amplify small differences, such as a fin that rattles in a gap, differ by more.", groups)
+        "Motions that amplify small differences, such as a fin that rattles in a gap, differ by more."
+        + f" Commands are clipped to {rig.limit:g} deg." * (largest > rig.limit + 1e-9), groups)

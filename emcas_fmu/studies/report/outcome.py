@@ -46,7 +46,7 @@ class Rig:
     def tolerances(self) -> tuple[list[Case], str]:
         """The cases that change only deviations of the actuator as built, and their file.
 
-        The file is that of the requirements, otherwise the actuator's tuning study; empty if neither has such a case.
+        The file is that of the requirements, otherwise the actuator's tuning study, whose tolerances are estimates.
         """
         kind = parts(self.subject.model)[0]
         has_study = shipped_file("tuning", kind).stem == kind
@@ -55,7 +55,7 @@ class Rig:
                             (f"models/tuning{f'/{kind}' * has_study}.toml", study_cases)):
             if found := [c for c in cases if c.values and all(name.startswith("deviation.") for name in c.values)]:
                 return found, file
-        return [], ""
+        return [], file
 
     @property
     def load(self) -> float:

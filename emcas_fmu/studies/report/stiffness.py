@@ -119,7 +119,7 @@ def measure(rig: Rig) -> Outcome:
             notes.append(f"{label}, {amplitude:.3g} N.m: friction-locked. The fin does not move at any frequency.")
         if stops:
             notes.append(f"{label}, {amplitude:.3g} N.m: the fin meets a mechanical stop at "
-                         f"{', '.join(f'{f:g}' for f in stops)} Hz; these frequencies are left out.")
+                         f"{', '.join(f'{f:g}' for f in stops)} Hz.")
     angle = rig.subject.values.get("fin.stop_angle")
     stop = "" if angle is None else f" at ±{degrees(angle):g} deg"
     return Outcome(

@@ -72,8 +72,8 @@ def objectives(result: Tuning) -> str:
     nearby = "" if isnan(result.nearby) else (
         f"; {'' if bound(result.nearby) else 'at most '}{number(result.nearby)}{bound(result.nearby)} if the third "
         "digit of a returned gain changes by one")
-    return (f"objective: {beside(initial, returned)}{bound(initial)} initial, {number(returned)}{bound(returned)} "
-            f"returned{nearby}")
+    return (f"objective: {beside(initial, returned)}{bound(initial)} initial, {beside(returned, initial)}"
+            f"{bound(returned)} returned{nearby}")
 
 
 def at_bounds(result: Tuning) -> str:

@@ -213,5 +213,5 @@ _VIEWS = (
     View("Modified square wave", [(_WHOLE, _fin("square", plots.BLUE))], _ANGLE, 30,
          "Levels of 5, 10, 15 and 20 deg, edges at 400 deg/s."),
     View("Cold", [(_WHOLE, _fin("cold", plots.SKY))], _ANGLE, 15,
-         "Steps at -6 degC, where friction is higher."),
+         "Steps at -6 degC."),
     View("Supply sag", [((0.3, 0.699), _fin("sag", plots.ORANGE))], _LOADED, 8, _sag_caption))
