@@ -13,7 +13,8 @@ The motion stops in time if the acceleration can change fast enough: a rule requ
 
 The feedback follows r delayed by the time until a reference acts. With a position integral or a load observer, the
 motion slows down to that of the fin while the fin lags the delayed r by more than a tracking limit, for instance at a
-low supply; it is never reversed.
+low supply; it is never reversed. Only the share of the travel that is left is fed forward. In an overload, a position
+integral beside a load observer does not wind up (:func:`integral`).
 """
 
 from __future__ import annotations
@@ -88,6 +89,21 @@ def excess(ops: Ops, p: Any, motion: Motion, distance: Value) -> tuple[Value, Va
     limit, travel = p.trajectory.tracking_limit, motion.next_angle - motion.angle
     lost = ops.clip(distance - ops.clip(distance, -limit, limit), ops.minimum(travel, 0.0), ops.maximum(travel, 0.0))
     return lost, lost / ops.where(ops.equal(travel, 0.0), 1.0, travel)
+
+
+def integral(ops: Ops, p: Any, distance: Value, limited: Value, overload: Value, before: Value, after: Value
+             ) -> tuple[Value, Value]:
+    """Return the position integral after a sample, in its unit, and the flag `overload` after it (1 or 0).
+
+    `before` and `after` are the integrals before and after the sample, `limited` is above 0 at a limit of speed or
+    reference, `distance` [rad] is that from the fin to the motion. An overload lasts from a limit beyond the tracking
+    limit until the fin is back within it. In it the integral is 0 at a limit, and otherwise grows as with an error of
+    the tracking limit. This needs a load observer, which holds the load.
+    """
+    limit, far, at_limit = p.trajectory.tracking_limit, ops.fabs(distance), limited > 0.0
+    lasts = ops.both(far > limit, ops.either(at_limit, overload > 0.0))
+    part = ops.where(at_limit, 0.0, before + limit / ops.maximum(far, limit) * (after - before))
+    return ops.where(lasts, part, after), ops.where(lasts, 1.0, 0.0)
 
 
 def slowed(motion: Motion, lost: Value) -> Value:

@@ -14,14 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import reduce
 from math import radians
 from typing import Any
 
 from ..actuators import capabilities
 from ..actuators.declaration import Actuator, SampleInputs, State, Values
 from ..control import controllers, trajectory
-from ..namespace import Record, value_of, with_values_where
+from ..control.trajectory import Ahead
+from ..namespace import Record, with_values_where
 from ..ops.base import Ops, Value
 from ..rules import SLACK, Rule, rule, when
 from ..variables import in_group, parameter, tunable
@@ -41,15 +41,14 @@ TRACKING = in_group("trajectory", tunable("tracking_limit", "rad", radians(1e-3)
                                           "lag of the fin behind the generated motion beyond which this slows down"))
 """The additional parameters of actuators whose motion slows down: those with feed-forward and a position integral."""
 _LINE = tuple(f"trajectory_angle_{k}" for k in range(trajectory.LONGEST_LAG + 1))
-_RESTING = ("trajectory_rate", "trajectory_acceleration", "trajectory_memory", "trajectory_lost")
+_RESTING = ("trajectory_rate", "trajectory_acceleration", "trajectory_memory", "trajectory_lost",
+            "trajectory_overload")
 _ALONE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 1.0,
           "command.update_time": 0.0}
 """Parameters of controllers that follow a motion with its rate fed forward at every sample."""
 _INTEGRAL = "controller.position.ki"
 _INTEGRALS = (_INTEGRAL, "controller.velocity.ki")
-_AGAINST_LOADS = (_INTEGRAL, "controller.load_observer")
 _NONE = 1e-12  # lost share up to which a motion is not slowed down; a solved rest has rounding errors
-_STILL = 0.5  # lost share of a motion above which the fin hardly moves, and its error is integrated
 
 
 def extend(actuator: Actuator) -> Actuator:
@@ -92,21 +91,26 @@ def _sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     if actuator.feed_forward is not None:
         ahead, memory, time = actuator.feed_forward(ops, p, motion, x.trajectory_memory)
         followed = trajectory.delayed(ops, time / p.controller.sample_time, angles)
-        # While a motion slows down, nothing is fed forward and the distance to it is not integrated.
+        # Of a motion that slows down, the share that is left is fed forward, and the distance to it is not integrated.
         before = x.trajectory_lost
-        inputs = inputs.replace(ahead=ahead._replace(active=ops.both(follows, before <= _NONE)))
-        held = ops.both(on, ops.both(before > _NONE, before < _STILL))
+        left = 1.0 - before
+        inputs = inputs.replace(ahead=Ahead(left * ahead.speed, left * ahead.reference, follows))
+        held = ops.both(on, ops.both(before > _NONE, before < 1.0))
         q = _changed(ops, q, actuator, held, dict.fromkeys(_INTEGRALS, 0.0))
     followed = ops.clip(followed, -limit, limit)
     out = actuator.sampled(ops, q, x, inputs.replace(command=ops.where(on, followed, inputs.command)))
-    excess, lost = 0.0, 0.0
+    excess, lost, overload = 0.0, 0.0, 0.0
     if _slows(actuator):
+        distance, slows = followed - out["measured_fin_angle"], p.controller.position.ki > 0.0
+        if capabilities.SCREW_EQUATIONS in actuator.provides:
+            observes = p.controller.load_observer > 0.0
+            slows = ops.either(slows, observes)
+            integral, overload = trajectory.integral(
+                ops, p, distance, out["limited"], x.trajectory_overload, x.integral, out["integral"])
+            out["integral"] = ops.where(ops.both(follows, observes), integral, out["integral"])
         # Without integral and observer a load leaves a steady error.
-        declared = {v.name for v in actuator.parameters}
-        slows = reduce(ops.either, (value_of(p, name) > 0.0 for name in _AGAINST_LOADS if name in declared))
-        excess, lost = (ops.where(slows, value, 0.0) for value in trajectory.excess(
-            ops, p, motion, followed - out["measured_fin_angle"]))
-    values = (trajectory.slowed(motion, lost), motion.acceleration, memory, lost)
+        excess, lost = (ops.where(slows, value, 0.0) for value in trajectory.excess(ops, p, motion, distance))
+    values = (trajectory.slowed(motion, lost), motion.acceleration, memory, lost, overload)
     line = (motion.next_angle, *angles[:-1])
     moved = {**dict(zip(_RESTING, values, strict=True)),
              **{name: angle - excess for name, angle in zip(_LINE, line, strict=True)}}

@@ -133,6 +133,7 @@ class Controllers:
             u -= load / (torque_constant * p["drive.current_gain"])
             compensation_torque = compensation * torque_constant * p["drive.current_gain"]
             self.momentum += self.period * (torque_constant * current + load - compensation_torque)
+        self.limited = abs(feedback + command_rate) > p["controller.speed_limit"] or abs(u) > p["drive.reference_limit"]
         # The drive can follow `possible`, the reference within the limits of DAC and current.
         limited = clip(u, p["drive.reference_limit"])
         offset, slope = p["drive.current_offset"], p["drive.current_gain"]

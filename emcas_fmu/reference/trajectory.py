@@ -39,6 +39,7 @@ class Following(Controllers):
     def _rest(self, fin: float) -> None:
         self.history = [fin] * (math.ceil(self.delay) + 2)  # rad, the newest first
         self.rate = self.acceleration = self.integral_of_drive = 0.0
+        self.overload = False  # since a limit of the drive the fin has been beyond the tracking limit
         self.lost = 0.0  # share of the last sample's motion that a lagging fin has removed
         self.forward: tuple[float, float] = 0.0, 0.0  # rad/s and V, speed and reference that are fed forward
         self.last_mean = 0.0  # rad/s, motor speed that the followed angle had in the last sample
@@ -52,14 +53,14 @@ class Following(Controllers):
         self._feed_forward(now, rate, following, after)
         whole, share = math.floor(self.delay), self.delay % 1.0
         followed = clip((1.0 - share) * self.history[whole] + share * self.history[whole + 1], self.p["command.limit"])
-        # While the generator slows, its lead is not integrated; if it loses half its motion, the fin hardly moves.
-        gains = (0.0, 0.0) if 0.0 < self.lost < 0.5 else self.integral_gains
+        gains = (0.0, 0.0) if 0.0 < self.lost < 1.0 else self.integral_gains
         self.loop_parameters.update(zip(_INTEGRALS, gains, strict=True))
         # An observed speed is half a sample newer than the mean rate that is fed forward.
         mean = (self._target(followed) - self.target) / self.period
         if self.observer:
             speed, reference = self.forward
             self.forward = speed, reference + self.p["controller.velocity.kp"] * (mean - self.last_mean) / 2.0
+        integral = self.integral
         reference = super().sample(delta, omega, followed, enable, current)
         fin = self.measured
         if not enable:
@@ -69,6 +70,11 @@ class Following(Controllers):
         # A fin that lags too far slows the generator, at most to a standstill.
         behind, limit, way = followed - fin, self.p["trajectory.tracking_limit"], following - now
         lost = math.copysign(min(max(abs(behind) - limit, 0.0), abs(way)), way) if behind * way > 0.0 else 0.0
+        # With a load observer, the integral does not wind up from a limit of the drive until the fin is back.
+        self.overload = abs(behind) > limit and (self.limited or self.overload)
+        if self.overload and self.p["controller.load_observer"]:
+            growth = (self.integral - integral) * limit / abs(behind)
+            self.integral = 0.0 if self.limited else integral + growth
         # Without integral action and load observer any load keeps the fin behind.
         lost *= max(self.integral_gains[0], self.p["controller.load_observer"]) > 0.0
         self.lost = lost / way if way else 0.0  # the package counts shares up to 1e-12 as none
@@ -107,4 +113,5 @@ class Following(Controllers):
 
     def fed_forward(self, feedback: float, reference: float) -> tuple[float, float]:
         """Return the speed [rad/s] for the friction compensation, and the reference [V] of the motion."""
-        return (reference, 0.0) if self.lost else (feedback + self.forward[0], self.forward[1])
+        speed, ahead = self.forward
+        return feedback + (1.0 - self.lost) * speed, (1.0 - self.lost) * ahead
