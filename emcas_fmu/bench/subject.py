@@ -172,7 +172,8 @@ class Subject(ABC):
     @property
     def at_start(self) -> Mapping[str, Any]:
         """The entries of `ANGLE_KNOWN` that are parameters of the actuator."""
-        return {name: value for name, value in ANGLE_KNOWN.items() if name in self.values}
+        names = {v.name for v in self.actuator.parameters}
+        return {name: value for name, value in ANGLE_KNOWN.items() if name in names}
 
     def lacking(self, outputs: Iterable[str]) -> str:
         """Return a statement that names the outputs that the subject lacks; empty if it has all."""
