@@ -1,4 +1,4 @@
-"""Fit the second-order model to the nonlinear actuator, for flight simulations that accept the difference."""
+"""Fit the second-order model to steps of the nonlinear actuator, for flight simulations."""
 
 from __future__ import annotations
 
@@ -73,7 +73,8 @@ def fit(nonlinear: ParameterSet) -> SecondOrderFit:
     """Fit natural frequency, damping, rate limit and delay by least squares to steps from rest without load, both ways.
 
     `nonlinear` are the parameters of the nonlinear actuator. Steps beyond command.limit are omitted; if all are, a
-    step to command.limit is used. Raises ParameterError.
+    step to command.limit is used. Other parameters that both models have get the values of `nonlinear`. Raises
+    ParameterError if a simulation refuses the values.
     """
     limit = degrees(float(nonlinear.values["command.limit"])) * (1.0 + 1e-9)
     sizes = tuple(size for size in SIZES if size <= limit) or (limit,)

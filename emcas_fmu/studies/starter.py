@@ -81,7 +81,7 @@ def _value(entries: Sequence[Entry]) -> str:
 
 
 def campaign_text(base: ParameterSet) -> str:
-    """Return the shipped campaign, based on the user's file, without factors and experiments that do not fit.
+    """Return the shipped campaign for the user's file, without factors and experiments whose variables are missing.
 
     Its moments about the hinge are scaled by the rated load of the actuator's requirements.
     """
@@ -125,7 +125,7 @@ def _readme(base: ParameterSet, files: Mapping[str, str]) -> str:
     return "\n".join([
         f"# An actuator of the model {base.actuator.name}", "",
         *(f"- `{name}`: {content}" for name, content in about.items() if name in files), "",
-        "The limits in the studies are those of a shipped actuator: replace them by yours. Run in this folder:", "",
+        "The limits in the studies are those of a shipped actuator: replace them with yours. Run in this folder:", "",
         "```sh",
         *(f"{command:<{width}}  # {purpose}" for command, purpose in listed), "```", "",
         "docs/use/your_actuator.md in the project's repository relates the terms of datasheets to these values.", ""])

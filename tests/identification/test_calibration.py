@@ -373,7 +373,7 @@ def test_one_correlation_time_is_one_number(tmp_path: Path) -> None:
                                            "fin_angle": (angle, "rad")})
     note = calibration.calibrate([record], base, ["valve.rated_flow"]).notes[-1]
     assert re.match(r"Residuals are correlated over [\d.]+ samples; ", note)
-    assert "Long times come from an encoder's counts, from rounded digits or, with large shares, " in note
+    assert "Long correlation times come from encoder counts, rounded digits or, if these errors are large, " in note
 
 
 @pytest.mark.slow

@@ -67,7 +67,7 @@ def record(plan: Baseline, subject: Subject, folder: Path, command: str, progres
 
 def respond(plan: Baseline, subject: Subject, folder: Path, progress: Progress
             ) -> tuple[Baseline, Mapping[str, str], Mapping[str, str]]:
-    """Return the subject's response to the plan's cases as a baseline, and by case the titles and the early ends.
+    """Return the subject's response to the plan's cases as a baseline, and by case the titles and why runs ended early.
 
     Numbers are rounded as in a file. A case that ended early is not in the baseline; its reason is returned. CSV inputs
     are in `folder`. The response does not depend on machine and date. Raises EmcasError.

@@ -64,7 +64,7 @@ class DriftLimit(Table):
     relative: Annotated[float, In("%", 0.0)]
 
     def of(self, approved: float) -> float:
-        """Return the largest permitted change of a figure from its approved value, in the unit of the figure."""
+        """Return the largest permitted change [unit of the figure] from an approved value; 0 if that is not finite."""
         return max(self.absolute, self.relative / 100.0 * abs(approved)) if isfinite(approved) else 0.0
 
 
@@ -184,7 +184,7 @@ class BaselineMotion(BaselineCase):
 
 
 class BaselineReference(BaselineCase):
-    """A reference case by name, with the encoder enabled."""
+    """A reference case by name, with the encoder of the parameter set."""
 
     case: str
 
@@ -221,7 +221,7 @@ CASE_KINDS: Mapping[str, type[BaselineCase]] = {
 def _cases(written: Any, info: ValidationInfo) -> dict[str, BaselineCase]:
     def read(name: str, entry: Any) -> BaselineCase:
         if not re.fullmatch(r"[\w-]+", name, re.ASCII):
-            raise ValueError("the name of a case has letters a to z, digits, - and _, since a file is named after it")
+            raise ValueError("the name of a case has letters a to z, A to Z, digits, - and _, since it names a file")
         return CASE_KINDS[kind_of(entry, CASE_KINDS)].model_validate(entry, context=info.context)
 
     cases = each(written, read)

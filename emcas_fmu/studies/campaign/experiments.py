@@ -109,7 +109,7 @@ def _of_unit_amplitude(kind: str, duration: float, *shape: float) -> Excitation:
 
 
 def _from(time: Array, instant: Any) -> Any:
-    """Return whether each row is at an `instant` [s] or later, or earlier by a rounding error only."""
+    """Return whether each row is at or after an `instant` [s], which is rounded to the nearest row."""
     return time > instant - STEP / 2
 
 

@@ -36,7 +36,7 @@ class Chance:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Two-sided confidence interval of the probability (Clopper and Pearson, 1934)."""
+        """Two-sided 95 % confidence interval of the probability (Clopper and Pearson, 1934)."""
         low, high = stats.binomtest(self.met, self.samples).proportion_ci(CONFIDENCE, method="exact")
         return float(low), float(high)
 

@@ -63,7 +63,7 @@ def _prepared(study: Campaign, missing: Indices, chunk: int | None, threads: int
 
 
 def chunk_size(study: Campaign, count: int, threads: int) -> int:
-    """Return the number of samples in a task: so many tasks per thread (at least eight) that threads end together."""
+    """Return the number of samples in a task: a thread gets eight tasks or more if possible, and all end together."""
     most = int((BY_FMU if study.fmu else SIMULATED) / study.duration)
     return max(1, min(most, count // (8 * threads)))
 

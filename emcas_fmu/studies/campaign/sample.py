@@ -38,7 +38,7 @@ OK, FAILED = "ok", "failed"
 SampleColumns = dict[str, Any]
 """Columns by name, in the order of a row's entries."""
 TOGETHER = 30.0  # s, total simulated time of samples that are simulated together: their 4 MB fit in a processor's cache
-FEWEST = 8  # smallest number of samples that are simulated together, for vectors
+FEWEST = 8  # smallest number of samples that are simulated together: fewer do not fill the vectors
 
 
 def columns(study: Campaign) -> dict[str, Figure]:

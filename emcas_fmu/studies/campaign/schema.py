@@ -91,7 +91,7 @@ class Reader:
         profile = Profile(name, kind, f"{prefix}.{name}")
         formats = {field: known or self._like(inputs[name], field) for field, known in PROFILES[kind].items()}
         Table.of_kind("profile", self._fields(profile.prefix, formats)).model_validate(entry)
-        if kind == "window":  # if only some samples end before they begin, only these fail
+        if kind == "window":  # if only some windows end before they begin, only their samples fail
             (begin, _), (_, end) = (self._limits(f"{profile.prefix}.{side}") for side in ("begin", "end"))
             if end < begin:
                 raise ValueError(f"end = {end:g} s is before begin = {begin:g} s; write a later end")

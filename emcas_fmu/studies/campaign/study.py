@@ -186,8 +186,8 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
     """Return the campaign in a TOML file (see models/campaign.toml).
 
     `fmu`, its `fin` (from 1) and `model`, a name for :func:`emcas_fmu.actuators.get`, override the file's entries.
-    Every sample is judged by `requirements`, a file or SHIPPED. Raises CampaignError; EmcasError if the FMU or the
-    requirements cannot be used; ParameterError for problems in parameter files.
+    Every sample is judged by `requirements`, a file or SHIPPED (default: none). Raises CampaignError; EmcasError if the
+    FMU or the requirements cannot be used; ParameterError for problems in parameter files.
     """
     text, document = schema.document(path, CampaignError)
     file = schema.read(_File, document, path, CampaignError)

@@ -154,7 +154,7 @@ def _spread(name: str, figure: Figure, values: Array, index: Array, factors: Map
 
 
 def varies(values: Array, rounding: float = 0.0) -> bool:
-    """Return whether values differ by more than relative rounding errors and by more than `rounding` (absolute)."""
+    """Return whether values differ by more than relative rounding errors and the absolute error `rounding`."""
     finite = values[np.isfinite(values)]
     if not len(finite) or len(finite) < len(values):
         return len(np.unique(values)) > 1
@@ -165,8 +165,9 @@ def sensitivities(figure: Array, factors: Mapping[str, Array]) -> tuple[float, t
     """Return the share of the variance that a regression explains, and the effects of factors on a figure.
 
     `figure` and each factor are arrays [samples]. Ranks use all samples, including infinite figures; the regression
-    uses the finite figures. A factor or figure that varies only by rounding errors has no effect. The interval of a
-    rank correlation is Fisher's, with the variance (1 + r^2/2)/(n - 3) of Bonett and Wright (2000).
+    uses the finite figures. Too few samples give nan and no effects; a factor or figure that varies only by rounding
+    errors has no effect. The interval of a rank correlation is Fisher's, with the variance (1 + r^2/2)/(n - 3) of
+    Bonett and Wright (2000).
     """
     varying = {name: x for name, x in factors.items() if varies(x)}
     if len(figure) < max(_FEWEST, len(varying) + 3) or not varying or not varies(figure, _ABSOLUTE):
@@ -209,7 +210,7 @@ def text(figure: Figure, value: float) -> str:
 
 
 def measured(spread: Spread, value: float) -> str:
-    """Return a measured figure [SI] as text does; a bandwidth that is only a bound is marked, or 0 in words."""
+    """Return a figure [SI] as `text` does; a bandwidth that is only a bound is marked by < or >, and 0 is in words."""
     if spread.figure.unit != "Hz" or not isfinite(value):
         return text(spread.figure, value)
     if spread.name.startswith(f"{REQUIREMENT}."):

@@ -35,7 +35,7 @@ _BLOCKS = 40  # blocks of a sweep, within which an encoder's steps average out
 
 
 class GapSweep(NamedTuple):
-    """A sweep beyond the gap: its `direction` (1, -1), and means of `fin` angle and `difference` [rad] in blocks."""
+    """A sweep after the gap is crossed: `direction` (1, -1), means of `fin` angle and `difference` [rad] in blocks."""
 
     direction: int
     fin: Array

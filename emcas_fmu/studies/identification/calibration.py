@@ -1,11 +1,12 @@
-"""Calibration: fit parameters of any actuator to records of its inputs and outputs, by the error of simulation.
+"""Calibration: fit parameters of any actuator so that its simulation follows recorded outputs.
 
 A record's inputs drive the simulation, and its outputs are compared. The unknowns are the free parameters, the initial
-fin angle of each record and, on request, the delay of each measured output.
+fin angle of each fitted record if fin angles are compared and, on request, the delay of each measured output.
 
 Quantisation of measured angles makes the response a rough function of the parameters, and the error has many minima.
 The fit therefore compares the mean response from several close initial angles, which is less rough. It ends where the
-error is orthogonal to the derivatives of the response without quantisation, as it is at the true parameters.
+error is orthogonal to the derivatives of the response without quantisation. At the true parameters the error, which is
+then noise only, meets this condition on average.
 """
 
 from __future__ import annotations
@@ -35,19 +36,19 @@ from .unknowns import Unknown, free_parameters
 METHOD = ("simulation error over all records, weighted by the noise of each output; 1 sigma from the covariance scaled "
           "by the residuals, by their autocorrelation time and by their correlation among outputs")
 _CANDIDATES, _TRIED = 64, 3  # number of simulated starting points, and of those from which a fit starts
-_EVALUATIONS, _STEPS = 30, 24  # most evaluations of each of these fits; most Gauss-Newton steps of the last fit
+_EVALUATIONS, _STEPS = 30, 24  # most evaluations in each of these fits; most Gauss-Newton steps in a pass of the last
 _MEAN = 10  # samples that are averaged in the first fits: a controller that reacts at every sample causes many minima
 _FAINT = 1e-6  # weight of the prior in the fits from starting points, which only need to end near the result
 _OPPOSITE = -0.5  # correlation of measured and simulated values, below which a sign is wrong
 _STILL = 1e-3  # ratio of simulated to measured deviation, below which an input is missing
 _WIDE, _RATIO = 30.0, 5.0  # largest plausible ratio of measured to simulated deviation: before and after the first fits
-_FLAT, _BEYOND = 6, 3.0  # clipping: equal samples at the extreme; deviations by which the simulation exceeds them
+_FLAT, _BEYOND = 6, 3.0  # clipping: successive samples at the extreme; sigmas by which the simulation exceeds them
 _POOR = 0.05  # largest share of a measured deviation that a good model leaves in addition to noise
 _DRIFT, _CERTAIN = 5e-4, 6.0  # smallest clock drift that is reported: relative, and in sigmas
-# A combination of parameters is undetermined from this share of the prior's variance on; the message names parameters
-# from this share of the largest effect on.
+# A combination of parameters is undetermined if more than this share of the prior's variance remains; the message names
+# the parameters whose effect exceeds this share of the largest effect.
 _OPEN, _PART = 0.5, 0.3
-_CONTRADICTED = 4.0  # sigmas from the prior that count as a contradiction: by chance, one of 16,000 priors
+_CONTRADICTED = 4.0  # distance from a prior [sigma] that is a contradiction; by chance, one of 16,000 priors exceeds it
 _AT_BOUND = 1e-3  # distance to a bound that counts as at the bound: share of the interval between the bounds
 
 
@@ -55,9 +56,10 @@ _AT_BOUND = 1e-3  # distance to a bound that counts as at the bound: share of th
 class Calibration(Identification):
     """The result of a calibration.
 
-    `calibrated` is the base set with the estimates. `comparisons` has each output of each record. `undetermined` lists
-    combinations of parameters that the records do not determine, `at_bound` the parameters at a bound. `stopped` says
-    that Ctrl-C ended the fit. `faults` are messages on the fit, the priors and the records, one line each.
+    `calibrated` is the base set with the estimates. `comparisons` has each compared output of each record.
+    `undetermined` lists combinations of parameters that the records do not determine, `at_bound` the parameters at a
+    bound. `stopped` says that Ctrl-C ended the fit. `faults` are messages on the fit, the priors and the records, one
+    line each.
     """
 
     calibrated: ParameterSet
@@ -75,15 +77,15 @@ class Calibration(Identification):
         lines = ["stopped before the end of the fit: these are the best values so far"] if self.stopped else []
         for names in self.undetermined:
             unknown = names[0] if len(names) == 1 else f"a combination of {', '.join(names)}"
-            lines.append(f"not determined: the records say little more about {unknown} than the bounds do; keep "
-                         "all but one at known values, give a prior, or excite more")
+            lines.append(f"not determined: the records say little more about {unknown} than the prior does; do not "
+                         f"free {'it' if len(names) == 1 else 'all of them'}, give a prior, or excite more")
         lines += [f"{name} is at a bound: the best value may be beyond; give wider bounds, or look for a missing effect"
                   for name in self.at_bound]
         return [*lines, *self.faults]
 
     @property
     def used(self) -> list[tuple[RecordFile, str]]:
-        """The records, each with its use."""
+        """The records, each with its use: fitted or held out."""
         return list({c.record.sha256: (c.record, c.use) for c in self.comparisons}.values())
 
     @property
@@ -118,9 +120,10 @@ def calibrate(paths: Sequence[Path], base: ParameterSet, free: Sequence[str], ho
     A file in `paths` that is also in `hold_out` is not fitted. A record is a CSV file with ``time`` and columns of the
     actuator's inputs and outputs, with their units; `compare` chooses among the outputs. For the texts `free` and
     `priors` see :func:`.unknowns.free_parameters`. With `delays` the delay of each measured output is fitted. With
-    `robust` large errors, as from stick and slip, are weighted in proportion to their size (soft L1). The fit starts at
-    the base set and at the best of random points between the bounds (`seed`). Ctrl-C ends it at the best point so far.
-    Raises RecordError for a record that cannot be used, EmcasError for other arguments.
+    `robust` large errors, as from stick and slip, count in proportion to their size instead of its square (soft L1).
+    Fits start at the base set and at the two best of 63 random points between the bounds (`seed`); the best result is
+    refined. Ctrl-C ends the fit at the best point so far. Raises RecordError for a record that cannot be used,
+    EmcasError for other invalid arguments.
     """
     unknown = free_parameters(base, free, priors)
     apart = {path.resolve() for path in hold_out}
@@ -158,9 +161,9 @@ def _correlation(times: Array, comparisons: Sequence[ReplayedOutput]) -> str:
     """Return a note on the correlation `times` [samples] of the residuals, and on the errors beyond white noise."""
     ends = " to ".join(dict.fromkeys(f"{time:.3g}" for time in (times.min(), times.max())))
     return (f"Residuals are correlated over {ends} samples; white noise, over 1. Errors without white noise are up to "
-            f"{100.0 * max(c.unexplained for c in comparisons):.2g} % of a measured deviation. Long times come from an "
-            "encoder's counts, from rounded digits or, with large shares, from an effect that the model lacks. The "
-            "uncertainties account for the correlation, but not for fixed parameters that are wrong.")
+            f"{100.0 * max(c.unexplained for c in comparisons):.2g} % of a measured deviation. Long correlation times "
+            "come from encoder counts, rounded digits or, if these errors are large, from an effect that the model "
+            "lacks. The uncertainties account for the correlation, but not for fixed parameters that are wrong.")
 
 
 def _undetermined(fit: Fit, free: Sequence[Unknown]) -> Iterator[tuple[str, ...]]:
@@ -207,7 +210,7 @@ class _Search:
             self.stopped = True
 
     def fit(self, near: Stretches, robust: bool) -> Fit:
-        """Return the fit from the best point, after Ctrl-C without a step; `near` are the residuals at that point."""
+        """Return the fit from the best point (after Ctrl-C, at it); `near` are the residuals [SI] at that point."""
         owners, count = self._replay.owners, len(self._units)
         self._units = np.array([float(np.sqrt(np.mean(np.concatenate(near[j::count]) ** 2))) or 1.0
                                 for j in range(count)])
@@ -230,7 +233,7 @@ class _Search:
                        deviations=fit.deviations * units)
 
     def unsettled(self) -> Iterator[str]:
-        """Yield a message on the unknown with the largest last step if the fit has not settled."""
+        """Yield a message on the unknown with the largest mean of the last steps if the fit has not settled."""
         step, name = max(zip(self._left, (u.name for u in self._replay.unknowns), strict=True))
         if step >= SETTLED and not self.stopped:
             yield (f"not settled: {name} still changes by {step:.2g} sigma per step after {_STEPS} steps: values are "
@@ -243,7 +246,7 @@ class _Search:
         return values, jacobian
 
     def _scaled(self, points: Array, smooth: bool = False) -> list[Stretches]:
-        """Return residuals divided by the unit of their output; store the best of all points so far."""
+        """Return residuals [SI] divided by `_units`; without `smooth`, store the best of all points so far."""
         residuals = self._replay.residuals(points, smooth)
         for point, stretches in zip(points, residuals, strict=True) if not smooth else ():
             cost = sum(float(np.mean(r**2)) / s**2 for r, s in zip(stretches, self._deviations, strict=True))
@@ -253,7 +256,7 @@ class _Search:
                 for stretches in residuals]
 
     def _relative(self, points: Array, smooth: bool = False, samples: int = 1) -> Array:
-        """Return residuals over measured deviations, averaged over `samples`; points are in multiples of `_size`."""
+        """Return residuals over deviations, means of `samples`, and a faint prior's; `points` are over `_size`."""
         return np.array([np.concatenate([
             *(mean / (s * sqrt(len(mean))) for r, s in zip(stretches, self._deviations, strict=True)
               for mean in (r[:len(r) // samples * samples].reshape(-1, samples).mean(axis=1),)),

@@ -1,6 +1,7 @@
 """Identify the current-mode drive from records of its reference and current (section 3.2.2).
 
-The current loop, (2.46) with its PI controller, is linear while neither current nor voltage is limited:
+The current loop, (2.46) with its PI controller, is linear while neither current nor voltage is limited. With the
+reference u, the motor speed w and the controller's integral xi:
 
     L di/dt = K_p (i_ref - i) + xi - R i - K_e w        dxi/dt = K_i (i_ref - i)        i_ref = K_v u(t - T_d) + i_off
 
@@ -40,7 +41,7 @@ GAIN, OFFSET, DELAY, KP, KI = range(5)
 FAST = 10.0  # smallest number of samples of the fastest record within the delay
 LONGEST_SEARCHED = 0.1  # s, upper limit of drive.transport_delay
 FEWEST_LEVELS = 3
-_SLOWEST = 1e-3  # s, longest sample interval of a fast record: longer than any current loop's time constant
+_SLOWEST = 1e-3  # s, longest sample interval of a fast record: longer than a current loop's time constant
 _LENGTH = 0.1  # smallest duration of the longest record, as a share of the integral's time constant
 _SETTLED = 5e-3  # s after the arrival of a step that are left out of slow records, which cannot show the transient
 _WORST = 0.25  # largest relative 1 sigma of gain, delay and K_p in a result

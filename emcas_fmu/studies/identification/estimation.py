@@ -1,13 +1,13 @@
 """Weighted least squares whose covariance accounts for unequal noise of records and residuals correlated in time.
 
-A first fit gives each record's noise. The record's residuals are weighted by this noise and by their autocorrelation
-time tau = 1 + 2 sum rho_k, at least that of white noise: n samples are worth n/tau independent ones. The sum ends at
-the first lag of five tau (Sokal 1997, "Monte Carlo methods in statistical mechanics", section 3). Records with few
-residuals share one tau, as that of one record is too uncertain. The covariance is (sum J'J/(s^2 tau))^-1 with the
-records' residual variances s^2, corrected for degrees of freedom. If residuals are simultaneous, as those of several
-outputs of an actuator, the covariance includes the correlation of their sums over five tau by the sandwich formula
-(White 1980): outputs that show the same signal count once. The covariance of a robust fit is Huber's (1981,
-section 7.6), with the mean square of the influences of r/s and their mean slope.
+A first fit gives each record's noise s. The next fit weights the record's residuals by 1/(s sqrt(tau)). Their
+autocorrelation time is tau = 1 + 2 sum rho_k, at least that of white noise: n samples are worth n/tau independent ones.
+The sum ends at the first lag of at least five tau (Sokal 1997, "Monte Carlo methods in statistical mechanics", section
+3). Records with few residuals share one tau, as that of one record is too uncertain. The covariance is (sum J'J/(s^2
+tau))^-1 with the records' residual variances s^2, corrected for degrees of freedom. If residuals are simultaneous, as
+those of several outputs of an actuator, the covariance includes the correlation of their sums over five tau by the
+sandwich formula (White 1980): outputs that show the same signal count once. The covariance of a robust fit is Huber's
+(1981, section 7.6), with the mean square and the mean slope of the influence function of r/s.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from .records import Array, RecordError, require
 METHOD = ("weighted least squares; 1 sigma from the covariance scaled by each file's residuals and by their "
           "autocorrelation time")
 Stretches = Sequence[Array]  # residuals, an array for each stretch of successive samples
-_WINDOW = 5.0
-_PASSES = 3
+_WINDOW = 5.0  # multiple of tau at which its sum ends, and over which simultaneous residuals are summed
+_PASSES = 3  # fits, each with the weights from the residuals of the last one
 _SUMS = 20  # smallest number of sums of residuals from which a correlation is estimated
 _DIFFERENCE = 6e-6  # relative step of central differences: the cube root of the rounding error is best
-# The same for simulations, in which delays have a tolerance of a thousandth of a sample: for a smooth function, and the
-# largest for a rough function, whose change must exceed its roughness.
+# The same for simulations, which round delays by up to a thousandth of a sample: for a smooth function, and the largest
+# for a rough function, whose change must exceed its roughness.
 _SMOOTH_DIFFERENCE, _ROUGH_DIFFERENCE = 3e-3, 3e-2
-# For `descend`: longest relative step; number of last steps that are averaged for a rough function; mean step [sigma]
-# below which the iteration ends; most trials of a step, each half as long as the last; ratio of the sum of squares to
-# the lowest one below which a trial is accepted, more than the effect of roughness.
+# For `descend`: longest relative step; number of last points and steps that are averaged for a rough function; mean
+# step [sigma] below which the iteration ends; most trials of a step, each half as long as the last; ratio of the sum of
+# squares to the lowest one below which a trial is accepted, more than the effect of roughness.
 _LONGEST, _LAST, SETTLED, _HALVINGS, _WORSE = 0.3, 4, 0.2, 6, 1.1
 _ROUNDING = 1e-9  # smallest relative sigma of a parameter: records without noise leave no residuals
 _SIGMAS = 10.0  # step of differences [sigma]: roughness as large as the noise then changes slopes by a twentieth
@@ -80,7 +80,7 @@ class Fit:
 
 
 def correlation_time(residuals: Sequence[Array]) -> float:
-    """Return the integrated autocorrelation time [samples] of all stretches of residuals; 1 for white noise."""
+    """Return the autocorrelation time [samples] of all stretches of residuals, at least that of white noise, 1."""
     longest = max(len(r) for r in residuals)
     power = sum(float(r @ r) for r in residuals)
     if power == 0.0:
@@ -99,7 +99,7 @@ def each(residuals: Callable[[Array], Stretches]) -> Callable[[Array], list[Stre
 
 
 def _jacobian(residuals: Callable[[Array], Array], x: Array, difference: Array | float) -> Array:
-    """Return the Jacobian by central differences of relative size `difference`, for parameters of the order of one."""
+    """Return the Jacobian [residuals, parameters] by central differences of `difference` times max(|x|, 1)."""
     changes = np.diag(difference * np.maximum(np.abs(x), 1.0))
     after, before = np.split(residuals(np.concatenate([x + changes, x - changes])), 2)
     jacobian: Array = ((after - before) / (2.0 * changes.max(axis=1))[:, None]).T
@@ -107,7 +107,7 @@ def _jacobian(residuals: Callable[[Array], Array], x: Array, difference: Array |
 
 
 def solve(residuals: Callable[[Array], Array], start: Array, **options: Any) -> tuple[Array, Array]:
-    """Return the least-squares parameters and the Jacobian at them, for parameters of the order of one.
+    """Return the least-squares parameters, of the order of one, and the Jacobian at them [residuals, parameters].
 
     `residuals` maps points [points, parameters] to residuals [points, residuals]; it is called with all points of the
     central differences at once. `options` are those of SciPy's least_squares, by default Levenberg and Marquardt's
@@ -126,16 +126,17 @@ def solve(residuals: Callable[[Array], Array], start: Array, **options: Any) -> 
 
 def descend(residuals: Callable[[Array], Array], start: Array, bounds: tuple[Array, Array], steps: int,
             smooth: Callable[[Array], Array] | None = None, ratios: Array | float = 0.0) -> tuple[Array, Array, Array]:
-    """Return the least-squares parameters, the Jacobian at them, and the last step in sigmas, by Gauss-Newton steps.
+    """Return least-squares parameters by Gauss-Newton steps, a Jacobian near them, and the last step's size [sigma].
 
-    If residuals are a rough function of the parameters, their sum of squares has many minima, and their differences
-    are noise; `smooth` is then a smooth function with nearly the same derivatives. With these derivatives Z as
-    instruments, the steps lead to Z'r = 0. Roughness of a share of the noise moves this point by that share of 1 sigma.
-    The Jacobian is that of the residuals, projected on Z; the covariance is that of instrumental variables (Soderstrom
-    and Stoica 1983, section 4). A step that increases the squares is halved. After at most `steps` steps, or when steps
-    are short, the result is the mean of the last points. `ratios` convert `residuals` to multiples of their noise;
-    where they are not 0, large residuals count in proportion to their size, as in soft L1 (Triggs et al. 2000,
-    section 4). Other arguments are those of `solve`.
+    If residuals are a rough function of the parameters, their sum of squares has many minima, and their differences are
+    noise; `smooth` is then a smooth function with nearly the same derivatives. With these derivatives Z as instruments,
+    the steps lead to Z'r = 0. Roughness of a share of the noise moves this point by that share of 1 sigma. The Jacobian
+    is that of the residuals, projected on Z; the covariance is that of instrumental variables (Soderstrom and Stoica
+    1983, section 4). A step that leads to more than 1.1 times the lowest sum of squares is halved, up to five times.
+    After `steps` steps, or when steps are short, the result is the last point and step; of a rough function, the mean
+    of the last four. `ratios` convert `residuals` to multiples of their noise; where they are not 0, large residuals
+    count in proportion to their size, as in soft L1 (Triggs et al. 2000, section 4). Other arguments are those of
+    `solve`.
     """
     def weight_root(r: Array) -> Array:
         root: Array = (1.0 + (ratios * r) ** 2) ** -0.25
@@ -169,7 +170,7 @@ def descend(residuals: Callable[[Array], Array], start: Array, bounds: tuple[Arr
 
 
 def _times(records: Sequence[Sequence[Array]], deviations: Array) -> Array:
-    """Return each record's correlation time [samples]; small records share the time of all small records."""
+    """Return each record's correlation time [samples]; small records use at least that of all small records."""
     lengths = np.array([sum(map(len, stretches)) for stretches in records])
     times = np.array([correlation_time(stretches) for stretches in records])
     small = lengths < _ALONE
@@ -183,7 +184,7 @@ def _times(records: Sequence[Sequence[Array]], deviations: Array) -> Array:
 def _common(influences: Array, time: float) -> Array:
     """Return the correlation matrix of simultaneous residuals [outputs, rows], summed over five times `time` [rows].
 
-    Sums show the correlation also of outputs with different delays.
+    With fewer than 20 sums, they are over fewer rows. Sums also show the correlation of outputs with different delays.
     """
     samples = max(min(round(_WINDOW * time), influences.shape[1] // _SUMS), 1)
     rows = influences.shape[1] // samples * samples
@@ -202,11 +203,12 @@ def weighted_fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Str
 
     `residuals` maps points [points, parameters] to the stretches at each point. `scale` has each parameter's typical
     size. `owners` has the index of each stretch's record: a record's stretches have the same noise. `least_time`
-    [samples] is the correlation time of the residuals of white noise. A `prior` has each parameter's mean and finite
-    1 sigma. `minimise` has the arguments and result of `solve`. The noise follows from the rms residual. With `robust`
-    it follows from the median, and large residuals are weighted as in `descend`; for `smooth` see there. Stretches with
-    the same number in `together`, with different owners, are simultaneous and may have common noise, as outputs of one
-    actuator. Raises RecordError if the parameters cannot be determined.
+    [samples] is the correlation time that white noise gives the residuals, the smallest that is used. A `prior` has
+    each parameter's mean and finite 1 sigma. `minimise` has the arguments and result of `solve`. The noise follows from
+    the rms residual. With `robust` it follows from the median absolute deviation, and large residuals are weighted as
+    in `descend`; for `smooth` see there. Stretches with the same number in `together`, with different owners, are
+    simultaneous and may have common noise, as outputs of one actuator. Raises RecordError if the parameters cannot be
+    determined.
     """
     count, values = max(owners) + 1, start / scale
     weights, times = np.ones(count), np.ones(count)

@@ -40,7 +40,7 @@ _SLOWEST = 0.02  # share of the largest speed below which a window may contain s
 
 
 def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
-    """Identify inertia.motor from spin-ups. Raises RecordError."""
+    """Identify inertia.motor and the total inertia from spin-ups. Raises RecordError."""
     records = read_records(paths, EXPERIMENT.required, EXPERIMENT.optional)
     parts, owners = divided(records, lambda record: _moving(record, base.values))
     _require(parts, base)
@@ -87,7 +87,7 @@ def _moving(record: RecordFile, values: Mapping[str, Any]) -> list[motion.Averag
     sliding = a.slowest > _SLOWEST * np.abs(a.speed).max()
     stretches = [a.at(slice(begin, end)) for begin, end in sequences(sliding) if end - begin >= 4]
     record.require(stretches, f"no motion is long enough to show an acceleration: fewer than 4 windows of {width} "
-                   "samples; log faster, or with a smaller current")
+                   "samples; log at a higher rate, or accelerate with less current")
     # A wrong unit in one file would distort the fit of all files.
     expected, torque = _total(values), float(np.mean(_torques(stretches, values)))
     implied = torque / float(np.mean(np.abs(np.concatenate([a.acceleration for a in stretches]))))

@@ -2,8 +2,8 @@
 
 A smooth window phi (Hann, sum 1, value and slope zero at both ends) averages the current, and the first and second
 central differences of the angle. By summation by parts, the averaged differences are the angle weighted by phi' and
-phi'' (Shinbrot 1957, modulating functions): an encoder's steps are not differentiated. The averages satisfy the
-equation of motion because every sample does.
+phi'' (Shinbrot 1957, modulating functions): an encoder's steps are not differentiated. The equation of motion holds for
+the averages as for every sample, if its coefficients hardly change within a window.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def fit_motion(values: Mapping[str, Any], names: Sequence[str], parts: Sequence[
                temperatures: Sequence[float], start: Array, scale: Array, owners: Sequence[int]) -> Fit:
     """Fit the parameters `names` to the equation of motion in windows in which the motor slides.
 
-    `parts` are stretches of windows, each at one of the `temperatures` [degC]. `values` has the other parameters.
+    `parts` are stretches of windows, `temperatures` [degC] those of the stretches. `values` has the other parameters.
     Residuals are torques [N.m]; for `start`, `scale` and `owners` see :func:`.estimation.weighted_fit`.
     """
     windows = Averages(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))

@@ -1,7 +1,7 @@
 """Read measurements from CSV files: a header with names and units, then one row for each of equally spaced samples.
 
-A header cell is ``name [unit]``; without a unit, values are in the unit of QUANTITIES. Columns that the caller does not
-name are ignored. Unusable data raise RecordError with the file and, where they apply, column and row.
+A header cell is ``name [unit]``; without a unit, values are in the unit of `quantities`. Columns that the caller does
+not name are ignored. Unusable data raise RecordError with the file and, where they apply, column and row.
 """
 
 from __future__ import annotations
@@ -60,7 +60,8 @@ def require(condition: object, problem: str) -> None:
 class RecordFile:
     """A file of measurements: `columns` by name, the sample interval `step` [s], the columns' `units` in the file.
 
-    `quantities` are as QUANTITIES. `unused` are the names of columns that are not read.
+    Columns are converted to the units of `quantities`, which are as QUANTITIES. `unused` are the names of columns that
+    are not read.
     """
 
     path: Path
@@ -83,7 +84,7 @@ class RecordFile:
         return self.path.name
 
     def late(self, column: Array, delay: float) -> Array:
-        """Return a column of this record after a `delay` [s], interpolated between rows."""
+        """Return a column of this record after a `delay` [s] of either sign, interpolated; its end values are held."""
         time = np.arange(len(self)) * self.step
         return column if delay == 0.0 else np.interp(time - delay, time, column)
 
@@ -96,7 +97,7 @@ def read_records(paths: Sequence[Path], required: Sequence[str], optional: Seque
                  quantities: Mapping[str, tuple[str, str]] = COLUMNS) -> list[RecordFile]:
     """Read ``time``, the `required` columns and existing `optional` columns from each file.
 
-    Raises RecordError for the first unusable file, and for files with the same contents.
+    Raises RecordError for the first unusable file, for files with the same contents, and if there is no file.
     """
     require(paths, "there is no file: give at least one CSV file of measurements")
     records = [_record(path, ("time", *required), optional, quantities) for path in paths]

@@ -26,7 +26,7 @@ from .unknowns import Unknown, nuisance
 _ANGLE, _START = "fin_angle", "fin.start_angle"
 _LATEST = 0.02  # [s] largest delay of a measured output
 _FAILED = 1e3  # error of a simulation that fails, in standard deviations of the measurement
-_SMOOTH: Mapping[str, Any] = {"encoder.enabled": False, "transducer.resolution": 0.0}  # without quantisation
+_SMOOTH: Mapping[str, Any] = {"encoder.enabled": False, "transducer.resolution": 0.0}  # switch quantisation off
 _ALIKE = 0.8  # similarity (difflib) from which a name may be a misspelling of another
 _MOST = 20_000_000  # most output values simulated at once: 160 MB
 _FIRST = 10  # rows from which the initial fin rate is estimated
@@ -61,14 +61,14 @@ class ReplayedOutput:
 
     @property
     def unexplained(self) -> float:
-        """Ratio of the error without white noise (from differences of neighbours) to the measured deviation."""
+        """Ratio of rms error without white noise (from neighbours' differences) to measured deviation; constant: 0."""
         error = self.simulated - self.measured
         power = float(np.mean(error**2) - 0.5 * np.mean(np.diff(error) ** 2))
         return 0.0 if self.constant else sqrt(max(power, 0.0)) / float(np.std(self.measured))
 
     @property
     def figures(self) -> dict[str, float | None]:
-        """Root mean square, mean magnitude and largest magnitude of the error, and the fit [%].
+        """Root mean square, mean magnitude and largest magnitude of the error [`unit`], and the fit [%].
 
         The fit is 100 (1 - |y - y_m| / |y - mean y|) as in Ljung (1999), section 16.4; None if y is constant.
         """
@@ -80,7 +80,7 @@ class ReplayedOutput:
 
     @property
     def fit(self) -> str:
-        """The fit [%] as text."""
+        """The fit [%] as text, or the word constant."""
         return "constant" if self.constant else f"{self.figures['fit_percent']:.1f}"
 
 
@@ -88,7 +88,8 @@ def read(paths: Sequence[Path], base: ParameterSet,
          compare: Sequence[str] = ()) -> tuple[list[RecordFile], list[Variable]]:
     """Return records of the actuator's inputs and outputs, and the outputs to compare (default: those in all records).
 
-    Raises RecordError for a record without an input or output, EmcasError for an unknown output.
+    Raises RecordError for an unusable record and for one without an input or compared output, EmcasError for an unknown
+    output.
     """
     actuator = base.actuator
     known = {v.name: v for v in actuator.outputs if v.kind == "Real"}
@@ -134,9 +135,9 @@ class Replay:
     """Simulates records for many values of the `unknowns` [SI] side by side.
 
     The unknowns are the free parameters, the initial fin angle of each record if fin angles are compared, and with
-    `delays` the delay of each output. A fin angle that is measured but not compared gives the initial angle. `owners`
-    are the indices of record and output of each array of residuals. `rough` says that residuals are rough functions of
-    the parameters, because the actuator quantises measured angles.
+    `delays` the delay of each output. If fin angles are not compared, the initial angle is the first measured fin angle
+    or, without one, fin.start_angle. `owners` are the indices of record and output of each array of residuals. `rough`
+    says that residuals are rough functions of the parameters, because the actuator quantises measured angles.
     """
 
     def __init__(self, base: ParameterSet, free: Sequence[Unknown], records: Sequence[RecordFile],
@@ -154,7 +155,7 @@ class Replay:
                          else np.zeros(1))
 
     def residuals(self, points: Array, smooth: bool = False) -> list[Stretches]:
-        """Return at each of `points` the simulated minus measured outputs [SI], one array per output and record.
+        """Return at each of `points` the simulated minus measured outputs [SI]: arrays [rows] in the order of `owners`.
 
         If residuals are `rough`, the simulated outputs are means over responses from close initial angles, or with
         `smooth` the response without quantisation.
@@ -173,10 +174,10 @@ class Replay:
         start = np.full(len(points), record[_ANGLE][0] if _ANGLE in record.columns else self._subject.values[_START])
         if record.sha256 in self._free_start:
             start = points[:, self._free_start[record.sha256]]
-        # Points that differ only in other records' initial angles share a run of this record.
+        # Points that differ only in delays and in other records' initial angles share a run of this record.
         different, run_of = np.unique(np.column_stack([points[:, :self.free], start]), axis=0, return_inverse=True)
         offsets = self._offsets if mean else np.zeros(1)
-        most = max(_MOST // (len(offsets) * len(record) * len(names)), 1)  # at once
+        most = max(_MOST // (len(offsets) * len(record) * len(names)), 1)  # points at once
         parts = [self._mean_outputs(record, part, names, self._smooth if smooth else {}, offsets)
                  for part in np.split(different, range(most, len(different), most))]
         simulated = [np.concatenate(of_name)[run_of.ravel()] for of_name in zip(*parts, strict=True)]
@@ -188,7 +189,7 @@ class Replay:
 
     def _mean_outputs(self, record: RecordFile, points: Array, names: Sequence[str], fixed: Mapping[str, Any],
                       offsets: Array) -> list[Array]:
-        """Return outputs as means over `offsets` [rad] of the initial angle, the last value of each point."""
+        """Return outputs [points, rows] as means over `offsets` [rad] of the initial angle, a point's last value."""
         columns = np.repeat(points, len(offsets), axis=0).T
         changes = {name: column for u, column in zip(self.unknowns, columns[:-1], strict=False)
                    for name in (u.name, u.follower) if name}
@@ -200,7 +201,8 @@ class Replay:
     def comparisons(self, values: Array, others: Sequence[RecordFile]) -> Iterator[ReplayedOutput]:
         """Yield the comparisons of all records, then of the records held out, `others`, at the unknowns' `values`.
 
-        Simulations of `others` start at the first measured fin angle. Raises RecordError for a simulation that fails.
+        Simulations of `others` start at the first measured fin angle, if measured. Raises RecordError for a simulation
+        that fails.
         """
         for record in (*self.records, *others):
             simulated = self._simulated(record, values[None], [v.name for v in self.outputs])
@@ -211,7 +213,7 @@ class Replay:
                 yield ReplayedOutput(record, v, record in others, record[v.name] * scale, of_output * scale)
 
     def moving(self, values: Array, others: Sequence[RecordFile]) -> Iterator[str]:
-        """Yield a message for each record that does not begin at rest, as the simulation does.
+        """Yield a message for each record with a fin angle that does not begin at rest, as the simulation does.
 
         The initial fin rate is estimated over the first rows. It is reported if the error also has a large slope: a
         start at rest does not explain the motion.

@@ -23,9 +23,10 @@ _PRIOR = re.compile(r"(\S+?)\+-(\S+)\s*(.*)")
 class Unknown:
     """A number to fit between two bounds, with its typical `size` and its prior, all in `unit`.
 
-    The prior is a normal distribution with `mean` and 1 `sigma`. The default prior of a parameter is as wide as the
-    interval between its bounds: a parameter that the records do not determine stays near the base set. The parameter
-    `follower` gets the same value. `has_prior` says that the caller has passed a prior.
+    The prior is a normal distribution with `mean` and 1 `sigma`. The mean of a parameter's default prior is the base
+    set's value, its sigma that of a uniform distribution between the bounds: a parameter that the records do not
+    determine stays near the base set. The parameter `follower` gets the same value. `has_prior` says that the caller
+    has passed a prior.
     """
 
     name: str
@@ -59,9 +60,9 @@ def free_parameters(base: ParameterSet, free: Iterable[str], priors: Iterable[st
     """Return the parameters to fit from ``NAME`` or ``NAME=LOWER..UPPER UNIT``, and priors ``NAME=VALUE+-SIGMA UNIT``.
 
     Default bounds are a fifth of the value and five times the value, within the limits of the parameter. The name of an
-    array frees each of its elements; their default bounds are five times the largest magnitude, with either sign. A
-    parameter that is physically equal to a free one, as the back-EMF constant to the torque constant, follows it if
-    their values in the base set are equal. Raises EmcasError for other texts and for parameters that cannot be free.
+    array frees each of its elements; their default bounds are +- five times the largest magnitude. A parameter that is
+    physically equal to a free one, as the back-EMF constant to the torque constant, follows it if their values in the
+    base set are equal. Raises EmcasError for other texts and for parameters that cannot be free.
     """
     unknowns = {each.name: each for text in free for each in _free(base, text)}
     if not unknowns:

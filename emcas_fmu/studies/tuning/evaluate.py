@@ -60,7 +60,7 @@ class Evaluation:
         return float(sum(j.share**_NORM for j in self.by_requirement().values()) ** (1.0 / _NORM))
 
     def by_requirement(self) -> dict[str, Judgement]:
-        """Return the worst judgement of each requirement over all cases, by its name."""
+        """Return the worst judgement of each requirement over all cases, by the requirement's name."""
         worst: dict[str, Judgement] = {}
         for j in self.judgements:
             if j.requirement not in worst or j.share > worst[j.requirement].share:
@@ -74,7 +74,7 @@ def margin_text(margin: float) -> str:
 
 
 def share(requirement: Requirement, measured: float) -> float:
-    """Return a figure [SI] as a share of its limit: measured/maximum or minimum/measured; above 1 if it is missed."""
+    """Return measured/maximum or minimum/measured of a figure [SI], at most HOPELESS; above 1 for a missed limit."""
     if not isfinite(measured):
         return HOPELESS
     ratio = (measured / requirement.limit if requirement.sense == "maximum"

@@ -55,8 +55,7 @@ def responses(result: Tuning, moves: Sequence[Test]) -> Drawing:
 
 
 def search(result: Tuning) -> Drawing:
-    """Plot the best objective during the search and, over each gain, all objectives (the worst 20 % at the upper edge).
-    """
+    """Plot the best objective during the search and, over each gain, all objectives (worst 20 % at the upper edge)."""
     names = [t.name for t in result.study.tunables]
     plot, grid = figure(1, 1 + len(names), width=2.6 * (1 + len(names)), height=2.6)
     first, *others = grid.flat
@@ -95,7 +94,7 @@ def conflict(evaluations: Sequence[Evaluation], pair: tuple[str, str] | None = N
     """Return a pair of requirements, by default the two that conflict most, with the rank correlation of their shares.
 
     The correlation is over the evaluations near the best objective. Return None if there are no evaluations or, without
-    a `pair`, if no two requirements conflict.
+    a `pair`, if all correlations are above -0.3.
     """
     if not evaluations:
         return None

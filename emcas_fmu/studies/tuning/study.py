@@ -47,7 +47,7 @@ class Tunable:
     upper: float
 
     def bound(self, value: float) -> str:
-        """Return ``lower`` or ``upper`` if a value [SI] is within 1 % of the range from that bound, otherwise empty."""
+        """Return the bound, ``lower`` or ``upper``, near a value [SI] (1 % of the logarithmic range), or empty."""
         share = log(value / self.lower) / log(self.upper / self.lower)
         return "lower" if share <= _AT_BOUND else "upper" if share >= 1.0 - _AT_BOUND else ""
 
