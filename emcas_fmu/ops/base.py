@@ -31,7 +31,7 @@ class Ops(Protocol):
 
     def tanh(self, x: Value) -> Value: ...
     def atan2(self, y: Value, x: Value) -> Value:
-        """Return the angle of the point (x, y) from -pi to pi; a zero of either sign counts as positive."""
+        """Return the angle [rad] of the point (x, y) from -pi to pi; -0 counts as 0; the angle of (0, 0) is 0."""
         ...
 
     def sign(self, x: Value) -> Value:

@@ -89,7 +89,7 @@ def polynomial(x: Value, coefficients: Sequence[Value]) -> Value:
 
 
 def exp(ops: Bits, x: Value) -> Value:
-    """Return e^x within 1.1 ulp; 0 below x = -708, infinity beyond the largest number.
+    """Return e^x within 1.1 ulp; 0 below x = -708, infinity where e^x exceeds the largest number.
 
     x = k ln 2 + r, e^x = 2^k e^r. The last addition, of 1 and e^r - 1, rounds by 1/2 ulp. The rounding of e^r - 1 and
     that of r are at most 1/4 ulp of e^r each.
@@ -181,9 +181,9 @@ def tan(ops: Bits, x: Value) -> Value:
 
 
 def atan(ops: Bits, x: Value) -> Value:
-    """Return the angle [rad] of a tangent x within 1.8 ulp.
+    """Return the arctangent [rad] of x within 1.8 ulp.
 
-    From tan(pi/8) on it is pi/4 plus the angle of (x - 1)/(x + 1), from tan(3 pi/8) on pi/2 plus that of -1/x.
+    Above tan(pi/8) it is pi/4 + atan((x - 1)/(x + 1)), above tan(3 pi/8) pi/2 + atan(-1/x); atan(-x) = -atan(x).
     """
     def reduced() -> tuple[Value, ...]:
         size, side = ops.fabs(x), ops.where(x < 0.0, -1.0, 1.0)

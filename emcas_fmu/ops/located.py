@@ -18,7 +18,7 @@ _OPERATORS = {"add": "+", "sub": "-", "mul": "*", "truediv": "/"}
 
 
 class LocatedFloat(float):
-    """A number whose operations are followed in the file `path`.
+    """A number; `path` is the file in which its operations are located.
 
     If it is not finite, `origin` is the operation on finite numbers from which it results: file, line, function and
     numbers.
@@ -30,14 +30,14 @@ class LocatedFloat(float):
 
 
 def located(value: float, path: Path, origin: str = "") -> LocatedFloat:
-    """Return a number whose operations are followed in a file."""
+    """Return a number whose operations are located in the file `path`; `origin` is that of :class:`LocatedFloat`."""
     number = LocatedFloat(value)
     number.path, number.origin = path, origin
     return number
 
 
 class LocatedFloats(FloatOps):
-    """The operations on numbers that are followed in a file."""
+    """The operations on numbers, located in a file; see :class:`LocatedFloat`."""
 
     def __init__(self, path: Path) -> None:
         for name in _FUNCTIONS:

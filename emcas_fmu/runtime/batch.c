@@ -1,12 +1,12 @@
-/* Many actuators, and many whole runs in one call, as a library for the Python API, with a single lane. */
+/* Many actuators, and many whole runs in one call, as a library for the Python API, one actuator at a time. */
 #include "tables.h"
 
 #if defined __x86_64__
 #include <cpuid.h>
 #endif
 
-/* Return the number of actuators in a vector of this processor: 8 with AVX-512, 4 with AVX2; 1 with neither, or if the
- * system does not save the registers of these (Intel's manual, volume 1, 13.3 and 15.2). */
+/* Return the number of actuators in a vector of this processor: 8 with AVX-512 F and DQ, 4 with AVX2, 1 with neither.
+ * Vectors whose registers the system does not save do not count (Intel's manual, volume 1, 13.3 and 15.2). */
 API int actuator_lanes(void)
 {
 #if defined __x86_64__

@@ -18,12 +18,12 @@ from .compiled import REASONS, Array, address, by_schedule, doubles, longest_lin
 from .library import WORTH_VECTORS, loaded, vectors
 
 STEPS = 100_000  # expected number of steps of a batch: 100 s in steps of 1 ms
-_CACHE_LINE = 64  # bytes, also of the longest vectors
+_CACHE_LINE = 64  # bytes; the longest vectors have as many
 _CHUNK = 4096  # number of actuators that are prepared in one call
 _PIECES = 50  # number of parts of a step, after each of which progress is reported
 
 # A function that advances groups `first` to `last` - 1 of a batch to an end [s], with inputs (columns, strides, number
-# of the motion) and outputs (address, stride, results). It returns the number of actuators that did not reach the end.
+# of the motion) and outputs (address, stride, results). Returns the number of actuators that did not reach the end.
 _Move = Callable[..., int]
 
 
@@ -40,9 +40,10 @@ class Batch:
 
     `parameters` is an array [count, parameters], or [1, parameters] for `count` equal actuators, with rows of
     :func:`emcas_fmu.runtime.compiled.parameter_row`. `threads` is the number of threads that share a step. `lanes` (1,
-    4 or 8; by default as many as the processor's vectors hold) is the number of actuators that are advanced at once,
-    without effect on the results. Raises ParameterError naming an actuator with unsound parameters, CompilerError if
-    there is no compiled kernel, ValueError for a wrong shape, `count` or `lanes`.
+    4 or 8; by default as many as the processor's vectors hold, or 1 where compiling for vectors is not worth its time)
+    is the number of actuators that are advanced at once, without effect on the results. Raises ParameterError naming
+    the first actuator whose parameters break a limit or rule, CompilerError if no kernel can be compiled, ValueError
+    for a wrong shape or `count` or too many `lanes`.
     """
 
     def __init__(self, parameters: Array, count: int, model: str = NONLINEAR, threads: int = 1,
@@ -73,7 +74,7 @@ class Batch:
         self._groups, self._move = self._prepared(many or loaded(model), progress)
 
     def _prepared(self, library: ct.CDLL, progress: Progress) -> tuple[int, _Move]:
-        """Return the number of groups and the function that advances them."""
+        """Return the number of groups, of as many actuators as a vector holds, and the function that advances them."""
         lanes, sets = library.batch_lanes(), self._parameters
         groups = -(-self.count // lanes)
         common = prepare(library, sets[:1]).values[0]
@@ -115,10 +116,10 @@ class Batch:
         return groups, move
 
     def hold(self, index: int, value: float | Array) -> None:
-        """Hold the input with an `index` in the interface at a `value` in SI, a number for all or an array [count].
+        """Hold the input with this `index` in the interface at a `value` in SI, a number for all or an array [count].
 
-        An array is not copied, unless it repeats one value in memory. The caller must have checked that the values are
-        finite and the shape is right.
+        An array is not copied, unless it repeats one value in memory. The caller checks the shape, and that the
+        values are finite.
         """
         column = doubles(value)
         stride = 0 if not column.shape else 1 if self.count == 1 else column.strides[0] // column.itemsize
@@ -134,10 +135,10 @@ class Batch:
         return not self._results.all()
 
     def run(self, end: float, progress: Progress = silent) -> Array:
-        """Advance every actuator to `end` [s] from the start with its inputs held; return :attr:`outputs`.
+        """Advance every actuator to `end` [s from the start] with its inputs held; return :attr:`outputs`.
 
-        Raises ValueError for an end that is not finite, ArithmeticError naming the actuators whose equations cannot be
-        computed; these do not move.
+        Raises ValueError for an end that is not finite, ArithmeticError naming actuators whose step cannot be computed
+        (ten at most, with the reason of the first); these keep their states and outputs, the others have moved.
         """
         if not isfinite(end):
             raise ValueError(f"the end of the step, {end} s, is not finite")
@@ -155,7 +156,7 @@ class Batch:
         return self._pools[process]
 
     def _move_all(self, end: float, progress: Progress) -> int:
-        """Advance all actuators with the available threads; return the number of those that did not reach the end."""
+        """Advance all actuators; return the number of those that did not reach the end."""
         arguments = (self._addresses, self._strides, self._motion_number, *self._out)
         if progress is silent and self._threads <= 1:
             return self._move(0, self._groups, end, *arguments)

@@ -21,7 +21,7 @@ from .schedule import Schedule
 
 MOST_NUMBERS = 12  # largest number of values in a rule's message: as many as instance.h passes to printf
 
-# gcc does not know the pragma, but does not contract with -std=c11. -ffp-contract=off forbids it to all compilers.
+# gcc does not know the pragma, but fuses no multiply-add with -std=c11. -ffp-contract=off forbids it to all compilers.
 _NO_CONTRACTION = "#if !defined __GNUC__ || defined __clang__\n#pragma STDC FP_CONTRACT OFF\n#endif\n"
 
 
@@ -51,12 +51,12 @@ def elementary_header() -> str:
 
 
 def batch_sources(model: str = NONLINEAR) -> dict[str, str]:
-    """Return the sources of an actuator's library for Python by file name, the file to compile first."""
+    """Return the sources of an actuator's library for Python by file name; the first file is the one to compile."""
     return {**{name: handwritten(name) for name in ("batch.c", "many.h", "tables.h")}, **core_sources(model=model)}
 
 
 def vector_sources(model: str = NONLINEAR) -> dict[str, str]:
-    """Return the sources of an actuator's library of vectors by file name, the file to compile first."""
+    """Return the sources of an actuator's library of vectors by file name; the first file is the one to compile."""
     equations = f"{vector_elementary(elementary.traced())}\n{vector_source(codegen.traced(False, model), 'vector')}"
     return {**{name: handwritten(name) for name in ("vectors.c", "vector.h", "many.h", "tables.h")},
             "vector_kernel.h": header("vector_kernel", "The actuator's equations for many at once",
@@ -72,7 +72,7 @@ def enumerator(name: str) -> str:
 def model_header(actuator: Actuator) -> str:
     """Return model.h: sizes, limits, the indices of the inputs, and macros for the arguments of the equations."""
     def listed(array: str, count: int, first: int = 0) -> str:
-        """Return elements of an array as arguments after others."""
+        """Return `count` elements of an array, each after a comma."""
         return "".join(f", {array}[{i}]" for i in range(first, first + count))
 
     plant, controller, motion, loads, acting = codegen.sizes(actuator)

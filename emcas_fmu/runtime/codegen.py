@@ -34,7 +34,7 @@ MOTION_SLICE = slice(FIRST, FIRST + len(fin_port.VEHICLE_MOTION))  # the vehicle
 def functions(actuator: Actuator, several: bool = False) -> tuple[NamedFunction, ...]:
     """Return the functions of a program: for each its name, its arguments after ops and p, and the function.
 
-    For several fins the program also mixes the commands and steps the line of the supply, if there is one
+    For several fins the program also mixes the commands and steps their supply line, if they have a supply
     (:mod:`emcas_fmu.actuators.supply_line`).
     """
     one: tuple[NamedFunction, ...] = (
@@ -50,7 +50,7 @@ def functions(actuator: Actuator, several: bool = False) -> tuple[NamedFunction,
 
 
 def _of_line(actuator: Actuator, supply: Supply) -> tuple[NamedFunction, ...]:
-    """Return the functions of the line that several fins share."""
+    """Return the functions of the supply line that several fins share."""
     line, names = supply.line, [v.name for v in supply.line.parameters]
     plant, supply_course = tuple(s.name for s in actuator.states), supply.course
     states, count = [f"line_{name}" for name in line.states], len(names)
@@ -222,27 +222,28 @@ def source(several: bool = False, model: str = NONLINEAR, spelt: Callable[[str],
 
 
 def bound_functions(values: Mapping[str, Any], model: str = NONLINEAR, several: bool = False) -> Functions:
-    """Return the functions of an actuator with these parameters, in Python."""
+    """Return the functions of an actuator with the parameters `values`, by name and in SI, in Python."""
     return make(several, model)(values)
 
 
 def core(values: Mapping[str, Any], model: str = NONLINEAR, bind: Callable[..., Functions] = bound_functions) -> Core:
-    """Return a core of an actuator with these parameters, in Python; `bind` returns its `bound_functions`."""
+    """Return a core with the parameters `values` [SI], in Python; `bind` returns its functions like `bound_functions`."""
     return Core(bind(values, model), sizes(get(model)))
 
 
 def multi_fin(sets: Sequence[Mapping[str, Any]], line: Sequence[float], model: str = NONLINEAR,
               bind: Callable[..., Functions] = bound_functions) -> MultiFin:
-    """Return the cores of several fins with these parameters, on one line with the parameters `line`, in Python.
+    """Return the cores of several fins on one supply line, in Python.
 
-    `bind` returns the `bound_functions` of a fin.
+    `sets` are the parameters of each fin by name, `line` those of the line in their order, all in SI. `bind` returns
+    the functions of a fin as `bound_functions` does.
     """
     actuator, each = get(model), [bind(values, model, True) for values in sets]
     return MultiFin(each, line, power_index(actuator), sizes(actuator))
 
 
 def core_inputs(core: Core, row: Sequence[Any], actuator: Actuator) -> Inputs:
-    """Return the inputs of a core from a row of its actuator's inputs."""
+    """Return the inputs of a core from a `row` of its actuator's inputs, in the interface's order and in SI."""
     motion = row[MOTION_SLICE]
     return inputs_of(row, core.motion_loads(*motion), len(motion), actuator.supply is not None)
 

@@ -19,7 +19,7 @@ from .library import loaded, milliseconds, vectors
 from .schedule import Schedule
 
 REASONS = (*core.REASONS, "the parameters are refused", "an input is not finite")
-"""Messages of the results in core_state.h (core_result), followed by those of the additional results in tables.h."""
+"""Messages of core_result (core_state.h), then of the additional results in tables.h; the last of these has none."""
 _REFUSED, _INPUT_NOT_FINITE, _ALONE = range(len(REASONS) - 2, len(REASONS) + 1)
 Array = NDArray[Any]
 
@@ -99,8 +99,8 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
     `inputs` contains for each input, in the interface's order, an array in SI that broadcasts to [runs, rows]; arrays
     of doubles are not copied. From one row to the next a run makes `held` steps of `step` [s]. `outputs` are returned
     at the rows, those in `fine` at every step. A run that fails does not affect the others. A `spring` [N.m/rad], a
-    number or an array [runs], subtracts its stiffness times the fin angle at a row from the row's hinge moment. Raises
-    ValueError for shapes that do not match, CompilerError if there is no compiled kernel.
+    number or an array [runs], subtracts its stiffness times the fin angle at a row from the row's aero_torque. Raises
+    ValueError for shapes that do not match, CompilerError if no kernel can be compiled.
     """
     actuator = get(model)
     sets: Array = np.ascontiguousarray(parameters, dtype=np.float64)
@@ -188,7 +188,7 @@ def _failure(parameters: Array, inputs: Sequence[Array], run: int, reached: int,
 
 
 def doubles(values: Any) -> Array:
-    """Return values as an array of doubles whose strides are whole doubles; such an array is not copied."""
+    """Return values as an aligned array whose strides are multiples of a double's size; such an array is not copied."""
     array: Array = np.asarray(values, dtype=np.float64)
     flags = array.flags
     if not (flags.aligned and (flags.c_contiguous or not any(stride % array.itemsize for stride in array.strides))):

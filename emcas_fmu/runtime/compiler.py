@@ -1,4 +1,4 @@
-"""C compilers: ziglang from PyPI for every platform, or a system compiler for this one."""
+"""C compilers: zig, from the package ziglang, for every platform, or a system compiler for this one."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class CompilerError(EmcasError):
 class Platform:
     """A platform: its folder in an FMI 2.0 FMU, the suffix of its libraries, and the flags for linking.
 
-    `targets` maps FMI 3.0's platform tuple of each machine to zig's name for it.
+    In `link`, {} is the library's file name. `targets` maps FMI 3.0's platform tuple of each machine to zig's name.
     """
 
     name: str
@@ -60,7 +60,8 @@ PLATFORMS = {p.name: p for p in (
     Platform("aarch64-linux", ".so", {"aarch64-linux": "aarch64-linux-gnu.2.17"}, _LINUX),
 )}
 
-# For a browser, which has no traps, about which clang warns. The C library musl needs no function of the page.
+# For a browser, which has no floating-point traps; without the first flag clang would warn about this. The C library
+# musl needs no function of the page.
 WEB = Platform("wasm", ".wasm", {"wasm32-wasi": "wasm32-wasi"}, (
     "-Wno-unsupported-floating-point-opt", "-mexec-model=reactor", "-Wl,--export-dynamic", "-Wl,--export=__heap_base"))
 
@@ -112,8 +113,8 @@ class Compiler:
         """Return the shared library `name` for each machine of a platform, by FMI 3.0's platform tuple.
 
         `sources` maps file names to text: the source file `main` and its headers. A system compiler builds for this
-        machine only. `flags` follow FLAGS. The same sources give the same bytes. Raises CompilerError with the
-        compiler's message.
+        machine only. `flags` follow FLAGS. A compiler makes the same bytes from the same sources. Raises CompilerError
+        with the compiler's message.
         """
         machines = target.targets if self.zig else {_local_tuple(): ""}
         with TemporaryDirectory(prefix="emcas_cc_") as temporary:
@@ -209,7 +210,7 @@ def find(cc: str | None = None) -> Compiler:
 
 
 def local_compilers() -> Iterator[Compiler]:
-    """Yield the compilers that build for this machine: $CC, then zig (the fastest), cc, gcc, clang."""
+    """Yield the compilers that run and build for this machine: $CC, then zig, cc, gcc, clang."""
     chosen = os.environ.get("CC")
     yield from _working([chosen] if chosen else [])
     if compiler := zig():

@@ -123,8 +123,8 @@ def moving(actuator: Actuator, values: Mapping[str, Any], responses: Mapping[str
            balanced: bool) -> Iterator[str]:
     """Yield messages about outputs that contradict the motion of a fin from rest, without load.
 
-    `responses` are :func:`outputs` [runs, points], `interval` [s] apart. Power is checked if energy is `balanced`: only
-    fin and motor store it, as far as is known.
+    `responses` are :func:`outputs` [runs, points], `interval` [s] apart; the first run is checked. Its power is checked
+    if energy is `balanced`: as far as is known, only fin and motor store energy.
     """
     measured, angle = responses["measured_fin_angle"][0, -1], responses["fin_angle"][0, -1]
     if not values.get("homing.required") and abs(measured - angle) > _MEASURED * abs(angle):

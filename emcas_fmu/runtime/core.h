@@ -104,7 +104,7 @@ static inline void core_inputs_of(const lanes *in, const lanes *motion_loads, co
     out->further[CORE_FURTHER] = lanes_set(0.0);
 }
 
-/* Compute the outputs of `s` with `x`, which is its plant or its tentative one. */
+/* Compute the outputs of `s` with `x`, which is its plant or tentative plant. */
 static inline void core_outputs(const lanes *p, const lanes *c, lanes_mask which, const core_state *s,
                                 const core_plant *x, const core_schedule *plan, const core_inputs *in, lanes *out)
 {
@@ -170,7 +170,7 @@ static inline core_inputs core_mean(const core_part *part)
 }
 
 /* Split a tick where an input changes that acts through limits (supply, enable) or in a way that is not known here: the
- * plant advances to the time up to which inputs are known, and a new part begins. Returns the lanes that reached it. */
+ * plant advances to the time up to which inputs are known, and a new part begins. Returns the lanes that got there. */
 static inline lanes_mask core_split(const lanes *p, const lanes *c, lanes_mask which, core_state *s,
                                     const core_inputs *in)
 {
@@ -253,7 +253,7 @@ static inline lanes_mask core_tick(const lanes *p, const lanes *c, lanes_mask wh
     return core_finish(p, c, which, s, &s->tentative, acting, until - origin);
 }
 
-/* Advance the lanes `which` (at least one) as core_run does, as far as they move together, but without restoring the
+/* Advance the lanes `which`, at least one, as core_run does, as far as they move together, but without restoring the
  * state. Returns the lanes that reached `end`, and sets `why` to the reason why others did not. */
 static inline lanes_mask core_move(const lanes *p, const lanes *c, lanes_mask which, core_state *s,
                                    const core_schedule *plan, double end, const core_inputs *in, const core_ramp *ramp,
@@ -318,7 +318,7 @@ static inline void core_keep(const core_state *s, core_state *to, size_t line, b
     if (partial) to->part = s->part;
 }
 
-/* Advance to `end` [s] from the start, all or nothing, with inputs that change by a `ramp` (null: held). The outputs
+/* Advance to `end` [s from the start], all or nothing, with inputs that change by a `ramp` (null: held). The outputs
  * there are written to `out`; they have no meaning if the end was not reached. */
 static inline core_result core_run(const lanes *p, const lanes *c, core_state *s, double end, const core_inputs *in,
                                    const core_ramp *ramp, lanes *out)

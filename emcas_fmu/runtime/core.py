@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Any, NamedTuple
 
-# Largest number of events in a tick. Usually there are a handful at most; a step with more does not advance.
+# Largest number of steps in a tick, each to an event or the tick's end. More are a mistake in the actuator's step().
 MOST_EVENTS = 500
 # Largest ratio of the time that a step takes to the rest of the tick: above 1 only by rounding.
 ROUNDED = 1.0 + 1e-9
@@ -24,7 +24,7 @@ TOO_MANY_TICKS = f"more than {MOST_TICKS} ticks in one step; choose a shorter st
 REASONS = ("", "the state is no longer finite", TOO_MANY_EVENTS, TOO_MANY_TICKS)
 """Messages of the results in core_state.h (core_result)."""
 # Ticks from zero to the latest start. There a double resolves an eighth of a tick. The tolerance for the rounding of
-# a host's time, four times that, and the slack, at most a quarter of a tick, together are less than a tick.
+# a host's time is four eighths, the slack is at most a quarter of a tick: together less than a tick.
 LATEST = 2.0**49
 
 Functions = tuple[Callable[..., tuple[Any, ...]], ...]
@@ -103,12 +103,12 @@ class Core:
 
     @property
     def latest(self) -> float:
-        """Latest time of a host's clock [s]; its negative is the earliest."""
+        """Latest start [s] on a host's clock; its negative is the earliest."""
         return float(LATEST * min(self.schedule[4:6]))
 
     @property
     def state(self) -> tuple[Any, ...]:
-        """Everything that changes while running, as nested tuples of numbers; it may be stored and restored."""
+        """All that changes while running, as nested tuples of numbers and None; it may be stored and restored."""
         return (self._period, self._position, self._plant, self._sampled, self._line, self._commands, self._active,
                 self._part, self._tentative)
 
@@ -118,7 +118,7 @@ class Core:
          self._part, self._tentative) = state
 
     def unsound(self, state: Any, now: float, inputs: Inputs) -> str:
-        """Return the problem of a state that was stored at `now` [s] from the start; "" if it is sound.
+        """Return the problem of a state that was stored at `now` [s from the start]; "" if it is sound.
 
         The state may be any value. This core must be at its start; `inputs` have the shape of its inputs.
         """
@@ -139,7 +139,7 @@ class Core:
         return ""
 
     def motion_loads(self, *motion: float) -> tuple[float, ...]:
-        """Return the loads of the vehicle's motion, from its inputs; all in SI, in the order of MotionLoads."""
+        """Return the motion loads for inputs of the vehicle's motion; all in SI, in the order of MotionLoads."""
         loads: tuple[float, ...] = self._kernel_motion_loads(*motion)
         return loads
 
@@ -159,9 +159,9 @@ class Core:
                                     inputs[0], *inputs[self._acting])
 
     def run(self, end: float, inputs: Inputs) -> tuple[Any, ...]:
-        """Advance to `end` [s] from the start with the inputs held, all or nothing; return the outputs there.
+        """Advance to `end` [s from the start] with the inputs held, all or nothing; return the outputs there.
 
-        Raises ArithmeticError if the equations cannot be computed.
+        Raises ArithmeticError if the step cannot be computed, ValueError for the root of a negative number.
         """
         state = self.state
         try:

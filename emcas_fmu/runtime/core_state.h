@@ -55,7 +55,7 @@ typedef struct {
 typedef struct {
     core_part part;
     core_time time;
-    lanes sampled[CORE_SAMPLED]; /* controller states, measured fin angle, limited, states that steps see */
+    lanes sampled[CORE_SAMPLED]; /* controller states, measured fin angle, limited, sampled states */
     lanes active; /* the reference in the drive */
     core_plant plant, tentative;
     lanes line[CORE_LINE];

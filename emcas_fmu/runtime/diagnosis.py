@@ -32,9 +32,9 @@ def functions(values: Mapping[str, Any], model: str, several: bool = False, actu
               follow: bool = True) -> Functions:
     """Return the functions of a user's actuator, or of the changed copy `actuator`, with these parameters.
 
-    They raise ArithmeticError with file, line and remedy if a result is not finite or a step takes no time. With
-    `follow` each number knows the line of its operation. Without it the functions are faster, but also raise
-    ArithmeticError or ValueError at an operation such as 1/0 whose result is not used.
+    They raise ArithmeticError with location and remedy if a result is not finite, or if a step returns a time that is
+    not above 0 or exceeds h. With `follow` the location is the line of the operation. Without it the functions are
+    faster, but also raise ArithmeticError or ValueError at an operation such as 1/0 whose result is not used.
     """
     actuator = actuator or get(model)
     assert actuator.source is not None

@@ -22,9 +22,9 @@ from .compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers,
 
 # Flags by the number of actuators in a vector. Unlike a host of an FMU, Python never traps floating-point exceptions.
 _VECTOR_FLAGS = {8: ("-fno-trapping-math", "-mavx512f", "-mavx512dq"), 4: ("-fno-trapping-math", "-mavx2")}
-# Numbers of steps of 1 ms from which compiling saves time: for single actuators instead of Python, and for vectors.
+# Numbers of steps of 1 ms from which compiling saves time: instead of Python, and for vectors instead of one at a time.
 WORTH_COMPILING, WORTH_VECTORS = 10_000, 20_000_000
-# Numbers of steps from which a look for a compiled library saves time, though its source must be printed first.
+# Numbers of steps from which looking for a compiled library saves time, though its source must be printed first.
 _WORTH_LOOKING = {WORTH_COMPILING: 1000, WORTH_VECTORS: 200_000}
 
 # Prototypes of exported functions in a library's sources: result, name and arguments.
@@ -96,7 +96,7 @@ def milliseconds(points: float, step: float) -> float:
 def _is_cached(model: str, lanes: int) -> bool:
     """Return whether a library has been compiled on this machine before."""
     target = local_platform()
-    if target is None or next(_files(model), None) is None:  # only the sources show whether it is of this version
+    if target is None or next(_files(model), None) is None:  # printing the source for the digest is slow
         return False
     return any(_cached(_digest(compiler, target, model, lanes), model) for compiler in local_compilers())
 
@@ -127,9 +127,9 @@ def loaded(model: str) -> ct.CDLL:
 def vectors(model: str, steps: float, lanes: int | None = None) -> ct.CDLL | None:
     """Return the library that steps several actuators of a model at once, if compiling saves time over `steps` of 1 ms.
 
-    Returns None if it does not, or if the processor has no vectors of four numbers. `lanes` is the number of actuators
-    in a vector, by default as many as the processor allows. Raises ValueError for more, CompilerError if nothing can be
-    compiled.
+    Returns None if it does not, or if there is no library for vectors. `lanes` is the number of actuators in a vector,
+    4 or 8 (others: None), by default as many as the processor allows. Raises ValueError for more, CompilerError if
+    nothing can be compiled.
     """
     most = loaded(model).actuator_lanes()
     lanes = most if lanes is None else lanes
@@ -158,7 +158,7 @@ def available(model: str = NONLINEAR) -> bool:
 
 
 def _cached(digest: str, model: str) -> Path | None:
-    """Return the library in the cache if it is undamaged: its name contains a hash of its content; None otherwise."""
+    """Return the undamaged library in the cache, or None; delete damaged ones. A hash of the content is in the name."""
     for path in _files(model, digest):
         if path.stem.endswith(hashlib.sha256(path.read_bytes()).hexdigest()[:16]):
             return path

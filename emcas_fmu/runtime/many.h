@@ -80,7 +80,7 @@ API size_t batch_group_size(size_t line)
 }
 
 /* Compute the values and schedules of actuators from their `parameters`, which are `stride` [doubles] apart. The sample
- * time of an actuator whose parameters break a limit or rule is NaN. */
+ * time of an actuator whose parameters break a limit or rule is NaN; its other values are not set. */
 API void batch_prepare(size_t count, const double *parameters, size_t stride, double *values, double *schedules)
 {
     for (size_t i = 0; i < count; ++i) {
@@ -243,7 +243,7 @@ static const lanes *values_of(const batch *b, size_t k, lanes *values)
 static void start(group *at, const lanes *values, size_t size)
 {
     memset(at, 0, size);
-    at->motion[0] = lanes_set(NAN);
+    at->motion[0] = lanes_set(NAN); /* differs from the first motion */
     core_start(values, values + MODEL_PARAMETERS, &at->state);
 }
 
@@ -258,8 +258,8 @@ API void batch_start(const batch *b, size_t first, size_t last)
 
 /* Advance groups first to last - 1 to `end` [s] with the interface's inputs held. A column of inputs has a value for
  * each actuator, `stride` [doubles] apart, or one value for all if that is 0; `motion` is the number of the vehicle's
- * motion. The columns of outputs are `out_stride` [doubles] apart. Writes a result for each actuator; returns the
- * number of actuators that did not reach the end. */
+ * motion. The columns of outputs are `out_stride` [doubles] apart. Writes a result for each actuator. Returns the
+ * number of actuators that did not reach the end; their outputs are not written. */
 API size_t batch_run(const batch *b, size_t first, size_t last, double end, const double *const *columns,
                      const ptrdiff_t *stride, uint64_t motion, double *out, size_t out_stride, int *result)
 {

@@ -1,10 +1,11 @@
 /* FINS fins that share one supply line: multi_fin.py in C.
  *
- * `multi_fin_x` is the method x of MultiFin, `line_x` its _x. states.h checks stored states as MultiFin.unsound does.
+ * `multi_fin_x` and `line_x` are the method x or _x of MultiFin, run_fins its _run_fins. states.h checks stored states
+ * as MultiFin.unsound does.
  *
  * The line is stiff if the first of its parameters is 0; each fin then runs as it would alone. A single fin, and fins
- * without a supply, always run alone. Otherwise all fins stop at the instants of the line, which are multiples of its
- * update time, the last parameter. There its state is updated from the fins' consumption; in between it is held.
+ * without a supply, always run alone. Otherwise every fin ends a step at each instant of the line: each multiple of
+ * its update time, the last parameter. There its state is updated from the fins' consumption; in between it is held.
  */
 #ifndef EMCAS_MULTI_FIN_H
 #define EMCAS_MULTI_FIN_H
@@ -18,15 +19,15 @@
 enum { LINE_OUTPUTS = MULTI_FIN_LINE ? 3 : 0, MULTI_FIN_OUTPUTS = LINE_OUTPUTS + FINS * MODEL_OUTPUTS };
 
 /* Parameters of the line and of each fin, and the constants computed from these; the tolerance of communication points
- * and the latest time of a host's clock [s]. */
+ * and the latest start on a host's clock [s]. */
 typedef struct {
     const double *line, *p[FINS];
     double c[FINS][KERNEL_CONSTANTS];
     double slack, latest;
 } multi_fin;
 
-/* Everything that changes while running: the fins; the line's states; the mean consumption of the fins before the last
- * instant; for fins that store charge, the charge that each fin had consumed by then, and its mean power [W]; and the
+/* Everything that changes while running: the fins; the line's states; the mean consumption of the fins in the last
+ * interval; for fins that store charge, the charge that each fin had consumed by then, and its mean power [W]; and the
  * number of the next instant. */
 typedef struct {
     core_state core[FINS];
@@ -78,8 +79,8 @@ static double multi_fin_interval(const multi_fin *m)
 }
 #endif
 
-/* Compute a fin's core inputs, without the line, from its actuator's inputs, the mixing commands and its motion loads.
- * The result is linear in these. */
+/* Compute a fin's core inputs, with the source as supply, from its actuator's inputs, the mixing commands and its
+ * motion loads. The result is linear in these. */
 static void multi_fin_acting(const multi_fin *m, size_t fin, const double *in, const double *mixing,
                              const double *motion_loads, core_inputs *out)
 {
@@ -118,7 +119,7 @@ static void line_shared(const multi_fin *m, double source, const double *states,
 }
 
 /* Compute the outputs of the line at a communication point. Current and powers of fins that store charge are means over
- * the last interval. */
+ * the last interval, unless the line is stiff. */
 static void line_all_outputs(const multi_fin *m, const multi_fin_state *s, double source, double *out)
 {
 #if MULTI_FIN_LINE && defined MODEL_CHARGED
@@ -165,8 +166,8 @@ static double source_at(const core_inputs *in, const core_ramp *ramp, double tim
     return in->supply + (ramp ? ramp->supply * (time - ramp->begin) : 0.0);
 }
 
-/* Advance all fins to `until` [s]. A sag is subtracted from the ramp of the supply; if the level does not follow the
- * ramp at both ends, the level in the middle is held. */
+/* Advance all fins to `until` [s]. The level follows a ramp of the source if it is the source's less the sag at both
+ * ends; otherwise the level at the source's mean is held. */
 static core_result run_fins(const multi_fin *m, multi_fin_state *s, double from, double until, const core_inputs *in,
                             const core_ramp *ramp, double *out)
 {

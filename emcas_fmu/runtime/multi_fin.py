@@ -53,12 +53,12 @@ class MultiFin:
 
     @property
     def latest(self) -> float:
-        """Latest time of a host's clock [s]; its negative is the earliest."""
+        """Latest start [s] on a host's clock; its negative is the earliest."""
         return min(core.latest for core in self.cores)
 
     @property
     def state(self) -> tuple[Any, ...]:
-        """Everything that changes while running, as nested tuples of numbers; it may be stored and restored."""
+        """All that changes while running, as nested tuples of numbers and None; it may be stored and restored."""
         return (self._of_line, self._consumption, self._instant, tuple(core.state for core in self.cores))
 
     @state.setter
@@ -72,7 +72,7 @@ class MultiFin:
         return self._mean, self._charges, self._powers
 
     def unsound(self, state: Any, now: float, inputs: Inputs) -> str:
-        """Return the problem of a state that was stored at `now` [s] from the start; see :meth:`Core.unsound`."""
+        """Return the problem of a state that was stored at `now` [s from the start]; see :meth:`Core.unsound`."""
         if not (isinstance(state, tuple) and len(state) == 4):
             return "wrong number of values"
         of_line, consumption, instant, states = state
@@ -91,7 +91,7 @@ class MultiFin:
         return "" if possible else "impossible time of the supply's line"
 
     def motion_loads(self, *motion: float) -> list[tuple[float, ...]]:
-        """Return each fin's loads of the vehicle's motion, from its inputs; all in SI, in the order of MotionLoads."""
+        """Return each fin's motion loads for inputs of the vehicle's motion; all in SI, in the order of MotionLoads."""
         return [core.motion_loads(*motion) for core in self.cores]
 
     def acting(self, rows: Sequence[Sequence[Any]], motion_loads: Sequence[Sequence[float]], mixing: Sequence[float]
@@ -108,9 +108,9 @@ class MultiFin:
         return self._all_outputs(inputs[0][self._supply], each)
 
     def run(self, end: float, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
-        """Advance to `end` [s] from the start with the inputs held, all or nothing; return the outputs there.
+        """Advance to `end` [s from the start] with the inputs held, all or nothing; return the outputs there.
 
-        Raises ArithmeticError if the equations cannot be computed.
+        Raises ArithmeticError if the step cannot be computed, ValueError for the root of a negative number.
         """
         state = self.state
         try:
@@ -161,7 +161,7 @@ class MultiFin:
         return level, consumption, power
 
     def _consumed_next(self, source: float, each: Outputs) -> float:
-        """Return the current or flow that the fins consume from now on; store its mean, charges and mean powers."""
+        """Return the current or flow that the fins consume from now on; store past mean, charges and mean powers."""
         level, consumption, _ = self._shared(source, each)
         self._mean = consumption
         if not self._charges:
@@ -187,7 +187,7 @@ class MultiFin:
         return self._functions[0][_CORE + 3](*self._line, source, *self._of_line, consumption, self._mean, total)
 
     def _all_outputs(self, source: float, each: Outputs) -> tuple[Any, ...]:
-        """Return all outputs; current and powers of fins that store charge are means over the last interval."""
+        """Return all outputs; without a stiff line, current and powers of fins that store charge are interval means."""
         if self._power is None:
             return tuple(x for outputs in each for x in outputs)
         averaged = self._charges and not self._stiff

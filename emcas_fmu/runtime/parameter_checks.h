@@ -20,7 +20,8 @@ static inline bool rules_broken(const rule *one, const double *p, const double *
     return worst > 0.0;
 }
 
-/* Return whether the parameters are within their limits and keep the rules, which apply only within the limits. */
+/* Return whether the parameters are within their limits and break no rule except warnings. Rules are only checked
+ * within the limits. */
 static inline bool rules_hold(const double *p)
 {
     double constants[RULES_CONSTANTS], numbers[RULE_NUMBERS + 1];

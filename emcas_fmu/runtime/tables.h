@@ -19,12 +19,12 @@ typedef struct {
     size_t index, every;
 } output_column;
 
-/* Additional results of a run, after those of core_result. RUN_ALONE: the run did not stay with its group. */
+/* Additional results of a run, after those of core_result. RUN_ALONE: to be simulated with one lane. */
 enum { RUN_REFUSED = CORE_TOO_MANY_TICKS + 1, RUN_INPUT_NOT_FINITE, RUN_ALONE };
 
 /* Many whole runs: their outputs at `points` points of time, `step` [s] apart and the first at 0. Each row of the
  * inputs, which have MODEL_INPUTS columns, is held for `held` steps. The `spring` of a run, unless NULL, subtracts its
- * stiffness [N.m/rad] times the output `angle` at a row from the row's moment. `reached` is the number of points
+ * stiffness [N.m/rad] times the output `angle` at a row from the row's aero_torque. `reached` is the number of points
  * that each run reached, and `result` the reason why it ended; outputs at later points are not written. */
 typedef struct {
     size_t points, held, angle, columns;
@@ -62,7 +62,7 @@ static unsigned end_runs(const run_tables *t, const size_t *run, unsigned which,
 }
 
 /* Simulate the runs `run`, in the lanes `which` of a group. With several lanes, the result of a run that does not stay
- * with the others, or whose equations cannot be computed, is RUN_ALONE. */
+ * with the others, or that cannot be computed, is RUN_ALONE. */
 static void simulate(const lanes *values, unsigned which, const size_t *run, const run_tables *t)
 {
     group at;

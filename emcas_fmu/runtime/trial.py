@@ -32,7 +32,7 @@ from .compiled import Array, Tables
 from .core import Functions
 
 _INTERVAL = 1e-3  # s between points of time
-_STEP = 50  # points of time of a short run
+_SHORT = 50  # points of time of a short run
 # Angle at which the fin is released, as a share of the stop angle; a fin beyond this multiple of the angle moves away.
 _OFF, _AWAY = 0.02, 5.0
 _LEAVES = 0.5  # share of its angle by which a fin that is commanded to stay may leave it
@@ -52,13 +52,14 @@ _tried: set[str] = set()  # models tried in this process
 
 
 def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, run: Runner, by_floats: Runner) -> None:
-    """Warn, once in a process, of a user's actuator that is unstable at rest, starts elsewhere, or ignores an input.
+    """Warn, once in a process, of mistakes in a user's actuator, such as wrong signs, wrong starts and ignored inputs.
 
     `row` contains its parameters; of its `inputs`, in SI, only the first values of the supply and of further inputs are
     used. A fin is released off centre and observed at `points` of time, 1 ms apart. `run` simulates as
     :func:`.compiled.run_tables`; `by_floats` also does, with a last argument that binds functions to parameters. Raises
-    EmcasError for equations that cannot be traced, misused discontinuities, a state that no sample sets, outputs that
-    contradict the port, and an event margin that is below 0 while its mode holds.
+    EmcasError for equations that cannot be traced, tables that do not rise, misused discontinuities, a state that no
+    sample sets, counts without the offset of homing, outputs that contradict the fin port, and an event margin that is
+    below 0 while its mode holds. Parameters that break a limit or rule are not tried.
     """
     actuator = get(model)
     if actuator.source is None or model in _tried:
@@ -88,7 +89,7 @@ def try_out(model: str, row: Array, inputs: Sequence[ArrayLike], points: int, ru
             watched = _watched(actuator, actuator.step, floats)
             bind = partial(diagnosis.functions, actuator=watched) if floats else partial(_traced, watched)
             with nullcontext() if floats else suppress(EmcasError):
-                if not _run(by_floats, model, [values], stepping, _STEP, bind).failures:
+                if not _run(by_floats, model, [values], stepping, _SHORT, bind).failures:
                     break
     simulated = partial(_run, run, model)
     for problem in (*_unused(model), *samples.problems(), *contradictions.at_rest(actuator, shown(x))):
@@ -181,7 +182,7 @@ def _require_of_port(actuator: Actuator, x: Array, shown: Callable[[Array], Mapp
 
 def _starts_elsewhere(actuator: Actuator, values: Mapping[str, Any], inputs: Mapping[str, float], run: Runner) -> str:
     """Return a message if a fin, commanded to stay at its start angle, is elsewhere or always saturated; or ""."""
-    staying = _released(values, inputs, _STEP, run, command=1.0)
+    staying = _released(values, inputs, _SHORT, run, command=1.0)
     off, start, half = _off(values), staying["fin_angle"][0, 0], _half_distance(staying)
     if abs(start - off) > _ELSEWHERE * off:
         return (f"fin_angle starts at {degrees(start):.3g} deg for fin.start_angle = {degrees(off):.3g} deg; let "
@@ -338,7 +339,7 @@ def _responses(values: Mapping[str, Any], inputs: Mapping[str, float], run: Call
            ) -> Mapping[str, Array]:
     """Return the outputs [commands, points] under two commands [rad], from rest and without load."""
     commanded = {**inputs, fin_port.COMMAND.name: np.array([commands]).T}
-    return run([values, values], commanded, _STEP).columns
+    return run([values, values], commanded, _SHORT).columns
 
 
 def _differ(responses: Mapping[str, Array]) -> bool:

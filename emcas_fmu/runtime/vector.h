@@ -86,7 +86,8 @@ static inline lanes_mask lanes_where_mask(lanes_mask m, lanes_mask yes, lanes_ma
 }
 static inline bool lanes_any(lanes_mask m) { return lanes_bits(m) != 0; }
 static inline bool lanes_every(lanes_mask m) { return lanes_bits(m) == LANES_ALL; }
-static inline int lanes_lead(lanes_mask which) { return __builtin_ctz(lanes_bits(which)); } /* at least one */
+/* Return the first lane of `which`, which must not be empty. */
+static inline int lanes_lead(lanes_mask which) { return __builtin_ctz(lanes_bits(which)); }
 static inline double lanes_of(lanes x, int lane) { return ((const double *)&x)[lane]; }
 static inline lanes_mask lanes_alike(lanes x, int lane) { return lanes_equal(x, lanes_set(lanes_of(x, lane))); }
 static inline lanes_mask lanes_finite(lanes x) { return lanes_equal(x - x, lanes_set(0.0)); }
@@ -95,8 +96,8 @@ static inline lanes lanes_clip(lanes x, lanes low, lanes high)
     return lanes_where(lanes_less(x, low), low, lanes_minimum(high, x));
 }
 
-/* The two operations on bits in ops/elementary.py. In a double between 2^52 and 2^53 the last bit has the value 1: a
- * whole number that is added to it appears in its last bits, and bits that are set there add a whole number. */
+/* The two operations on bits in ops/elementary.py. The last bit of a double between 2^52 and 2^53 is worth 1. Adding a
+ * whole number puts that number into the last bits; conversely, setting last bits adds their number to the value. */
 static inline lanes lanes_power_of_two(lanes k)
 {
     return (lanes)((lanes_words)(k + lanes_set(0x1.8p52 + 1023.0)) << 52);

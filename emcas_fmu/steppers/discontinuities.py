@@ -8,9 +8,9 @@ The equations read the effect of a discontinuity, other than a stop, from the pl
     Backlash("mesh", deflection, half_gap)    u.mesh, the deflection beyond the gap; u.mesh_closed, 1 in contact, else 0
     Limit("voltage", value, high, low)        u.voltage, the value between low (default -high) and high
 
-A torque, deflection, gap, value or limit is a number, the name of a parameter, or a function of (ops, p, x, u). The
-function of a friction or stop may read the values of all limits and gaps in ``u``; the function of a limit or gap may
-read those listed before it. No function may read a friction. The equations are stepped from event to event
+A torque, breakaway, deflection, gap, value or limit is a number, the name of a parameter, or a function of (ops, p, x,
+u). The function of a friction or stop may read the values of all limits and gaps in ``u``; the function of a limit or
+gap may read those listed before it. No function may read a friction. The equations are stepped from event to event
 (:mod:`emcas_fmu.steppers.events`): a body starts, comes to rest or meets its stop; a contact closes or opens; a value
 meets or leaves its limit. Linear analysis leaves out frictions and stops, and treats a gap as closed and of no width.
 
@@ -128,7 +128,7 @@ Discontinuity = Coulomb | Stop | Limit
 
 
 class _At(NamedTuple):
-    """A limit or gap at one moment: its value and range, and the limit that is reached (1 high, -1 low, 0 neither)."""
+    """A limit or gap at an instant: its value and range, and the limit that is reached (1 high, -1 low, 0 neither)."""
 
     value: Value
     low: Value

@@ -22,8 +22,8 @@ from .electrical import ElectricalMode, electrical_mode, reserve, resolved_step,
 from .events import PROGRESS, Values, first_event
 from .rigid import friction_speed, integral_end, stops
 
-# A flank separates at least this share of the step after its start: in less time, a slow motion may be smaller than the
-# rounding of its angle. Until then the flank pulls, which removes energy.
+# A flank separates no earlier than this share of the step after its start: in less time, a slow motion may be smaller
+# than the rounding of its angle. Until then the flank pulls, which removes energy.
 _LEAVING = 1e-3
 _LEAST_LOCKING = 1e-12  # smallest value of -e, so that the step of a screw that does not lock is hardly limited
 
@@ -97,13 +97,14 @@ def _state_after(ops: Ops, p: Any, c: drive_line.DriveLine, s: Pair, acting: Rec
                  at: Value | None = None) -> Pair:
     """Return the state after `h` [s] if the mode holds.
 
-    With mean speeds W and U the midpoint rules are
+    With the mean speeds W of the rotor and U of the fin, the midpoint rules are
 
         (2 J/h + b + K_t K_e' + k) W - k U = r_1 - friction        (2 J_f/h + b_f + k) U - k W = r_2 - friction
 
-    where k = h K/2 + D. The matrix is symmetric. The solution under friction minimises a convex function and is
-    therefore unique. Friction that falls with speed is evaluated at a rotor speed `at` [rad/s], by default the mid-step
-    speed of a first solution.
+    where k = h K/2 + D. K and D are the line's stiffness and damping, J, b and J_f, b_f inertia and damping of rotor
+    and fin, K_e' [A.s/rad] is the fall of the mean current with W, and r_1, r_2 are the known torques. The matrix is
+    symmetric. The solution under friction minimises a strictly convex function and is therefore unique. Friction that
+    falls with speed is evaluated at a rotor speed `at` [rad/s], by default the mid-step speed of a first solution.
     """
     if at is None:
         at = friction_speed(ops, p, s, lambda: 0.5 * (
@@ -115,9 +116,9 @@ def _state_after(ops: Ops, p: Any, c: drive_line.DriveLine, s: Pair, acting: Rec
     # values. A screw that locks, e < 0, needs steps that are short enough (:func:`longest_step`).
     # If `at` is against the motor's direction, the efficiencies are those at rest.
     along = ops.where(at * s.motor_speed < 0.0, 0.0, at) if screw.falls(p) else at
-    (driving, load, way), (driven, _, _) = (
+    (driving, load, direction), (driven, _, _) = (
         _solution(ops, p, c, s, acting, mode, h, at, e(ops, p, along)) for e in (screw.forward, screw.backward))
-    forward = load * way > 0.0
+    forward = load * direction > 0.0
     return Pair(*(ops.where(forward, x, y) for x, y in zip(driving, driven, strict=True)))
 
 
@@ -176,16 +177,16 @@ def _solution(ops: Ops, p: Any, c: drive_line.DriveLine, s: Pair, acting: Record
         resting = spring - k * fin_alone - body_force()  # the load on the screw of a rotor at rest
         _, started = _net_torque(ops, ((driving + body_force()) - spring) + k * fin_alone,
                                  up + screw.hold(ops, p, resting, 1.0), down - screw.hold(ops, p, resting, -1.0))
-    way = ops.where(rotor_rests, started, ops.where(s.motor_speed > 0.0, 1.0, -1.0))
-    rotor_held = ops.equal(way, 0.0)
+    direction = ops.where(rotor_rests, started, ops.where(s.motor_speed > 0.0, 1.0, -1.0))
+    rotor_held = ops.equal(direction, 0.0)
 
-    alone_1 = rotor + friction.viscous(ops, p, way) + drive.torque(p, e.slope)
+    alone_1 = rotor + friction.viscous(ops, p, direction) + drive.torque(p, e.slope)
     if friction.falls(p):
         up, down = friction.coulomb(ops, p, 1.0, m.fin, at), -friction.coulomb(ops, p, -1.0, m.fin, at)
-    n_1 = r_1 - ops.where(way > 0.0, up, down)
+    n_1 = r_1 - ops.where(direction > 0.0, up, down)
     # The rotor's mean speed while the fin rests; a rotor at rest starts only in the direction of its torque.
     rotor_alone = n_1 / (alone_1 + at_rotor(k))
-    rotor_alone = ops.where(ops.both(rotor_rests, rotor_alone * way < 0.0), 0.0, rotor_alone)
+    rotor_alone = ops.where(ops.both(rotor_rests, rotor_alone * direction < 0.0), 0.0, rotor_alone)
     _, pushed = _net_torque(ops, r_2 + k * rotor_alone, high, low)
     fin_held = ops.both(fin_rests, ops.equal(pushed, 0.0))
     n_2 = r_2 - ops.where(fin_rests, ops.where(pushed > 0.0, high, low), sliding)
@@ -199,8 +200,8 @@ def _solution(ops: Ops, p: Any, c: drive_line.DriveLine, s: Pair, acting: Record
     end = Pair(s.motor_angle + h * w, 2.0 * w - s.motor_speed, current, integral,
                s.fin_side_angle + h * u, 2.0 * u - s.fin_side_speed)
     if felt is None:
-        return end, 0.0, way
-    return end, spring + k * (w - u) + screw.nut_inertia(p) * 2.0 * (w - s.motor_speed) / h - body_force(), way
+        return end, 0.0, direction
+    return end, spring + k * (w - u) + screw.nut_inertia(p) * 2.0 * (w - s.motor_speed) / h - body_force(), direction
 
 
 def _margins(ops: Ops, p: Any, c: drive_line.DriveLine, start: Pair, s: Pair, mode: _Mode) -> Values:

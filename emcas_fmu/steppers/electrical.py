@@ -15,7 +15,7 @@ from ..namespace import Record
 from ..ops.base import TINY, Ops, Value
 from ..physics import drive
 
-# Within this share of the limit the demanded voltage counts as at the limit: the end of a step there is rounded.
+# The demanded voltage counts as at the limit within this share of the limit: the end of a step to the limit is rounded.
 _BAND = 1e-6
 # A voltage limit that falls with the current acts as a resistance. A step at such a limit is at most the larger of two
 # times: the first number times the winding's time constant with that resistance, and the second times the longest tick.
@@ -154,7 +154,7 @@ def rates(ops: Ops, p: Any, d: ElectricalMode, s: Any) -> dict[str, Value]:
 
 
 def integral_end(ops: Ops, p: Any, d: ElectricalMode, s: Any) -> Value:
-    """Return the drive integral [V] at the end `s` of a step; it puts a demand that stays at the limit there."""
+    """Return the drive integral [V] at the end `s` of a step; a demand that stays at the limit then is the limit."""
     at_limit = d.side * d.limit_at(ops, p, s.motor_speed, s.motor_current) - p.drive.kp * (d.i_ref - s.motor_current)
     return ops.where(d.enabled, ops.where(d.stays > 0.0, at_limit, s.drive_integral), 0.0)
 

@@ -1,10 +1,10 @@
 """One step of equations that are smooth between events: stick and slip, locking, valves that open, limits, stops.
 
-It serves actuators whose events have no closed forms. A mode defines which equations apply. It is a set of named
+It serves actuators whose event times have no closed form. A mode defines which equations apply. It is a set of named
 values, computed at the start of the step and constant in it, such as the lever's ratio predicted for mid-step. ROS2
 (:mod:`emcas_fmu.steppers.smooth`), L-stable and of second order, integrates the states. Each event margin of a mode is
 above 0 while the mode holds. The step ends where the first margin is lost, that is, falls to 0; a secant and a
-correction locate this time. If it is still far away, the step ends before it, without an event. At an event `landed`
+correction locate this time. If the zero is far off, the step ends before it, without an event. At an event `landed`
 sets values that are known exactly, such as the speed 0 of a body that comes to rest, and the caller continues with the
 mode of that state.
 

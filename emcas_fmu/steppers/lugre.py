@@ -2,8 +2,9 @@
 
     dz/dt = w - a z        a = sigma_0 |w|/g        torque = sigma_0 z + sigma_1 dz/dt
 
-The rate a is that of a predicted mid-step speed and constant over the step h. The deflection z then follows an exact
-exponential. Its value at the end and its means are linear in the step's mean speed W:
+z [rad] is the deflection of the bristles, w [rad/s] the motor speed, g [N.m] the friction in steady sliding. The rate a
+is that of a predicted mid-step speed and constant over the step h; z then follows an exact exponential. Its value at
+the end and its means are linear in the step's mean speed W:
 
     end = e^-x z + h f1 W     mean z = f1 z + h f2 W     mean dz/dt = f1 (W - a z)     x = a h
     f1 = (1 - e^-x)/x         f2 = (1 - f1)/x

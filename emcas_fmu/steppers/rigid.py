@@ -1,7 +1,7 @@
 """One step of a plant with a rigid drive line, to the end of a tick or to the first event in it.
 
-The motion makes an implicit midpoint step (second order) under the mean torque of the tick. The current is much
-faster, so it follows its exact exponential for the back-EMF at mid-tick. Both are solved together without iteration,
+The motion makes an implicit midpoint step (second order) under the step's mean torque. The current is much faster, so
+it follows its exact exponential for the back-EMF at the step's mean speed. Both are solved together without iteration,
 since the mean current is linear in the acceleration that it causes.
 
 Within a tick the equations are smooth until an event: the speed reaches zero, a stuck motor breaks away, the drive's
@@ -21,11 +21,11 @@ from ..physics.stick import WALL, overcome
 from .electrical import ElectricalMode, Motor, electrical_mode, resolved_step, switched
 from .events import PROGRESS, zero_between
 
-# A secant locates the voltage limit if the current's time constant or the time to the limit is below this share of the
-# step: so fast a current follows the speed, and steps to a limit of microvolts would become ever shorter.
+# If the current's time constant or the computed time to the voltage limit is below this share of the step, a secant
+# corrects this time: so fast a current follows the speed, and at a limit of microvolts steps would become ever shorter.
 _SETTLED = 1.0 / 16.0
-# A reversing motor is set to rest if, at the computed time, its speed is at most this share of its change in the step.
-# The speed is larger if the current reverses in the step: its zero is then later, and the step ends without the event.
+# At the computed time a reversing motor is set to rest if its speed is at most this share of the speed's change in the
+# whole step. After a reversal of the current the speed is larger and reaches zero later: this step has no such event.
 _REMAINDER = 0.01
 
 
@@ -132,7 +132,7 @@ def current_course(ops: Ops, p: Any, s: Motor, motion: MotorMechanics, d: Electr
     current is 0.
     """
     half_step = 0.5 * h
-    # Torque and source are available last: their factors, with the slow divisions, can be computed before.
+    # Torque and source are computed last. So that no slow division waits for them, divisions are in their factors only.
     drift = s.motor_speed + half_step * motion.mobility * motion.torque  # mean speed without current
 
     def flowing() -> tuple[Value, ...]:
@@ -226,7 +226,7 @@ Crossing = tuple[Value, Value]
 
 
 class Events(NamedTuple):
-    """Events in a step: the voltage crosses its limit, a motor at rest breaks away (``up``, ``down``), a turning motor
+    """Events in a step: the demanded voltage crosses its limit, a stuck motor breaks away (``up``, ``down``), a motor
     comes to rest (``reversing``) or meets a stop (``stopping``)."""
 
     crossing: Crossing
@@ -243,8 +243,8 @@ def voltage_events(ops: Ops, p: Any, d: ElectricalMode, end: Motor) -> Crossing:
     demand = drive.voltage_demand(p, d.i_ref, end.motor_current, end.drive_integral)
     limit = d.limit_at(ops, p, end.motor_speed, end.motor_current)
     free = ops.equal(d.side, 0.0)
-    # A step that starts at the limit keeps its mode. Without supply the limit is 0, which a decaying current would meet
-    # in ever shorter steps.
+    # A step that starts at the limit keeps its mode. Without supply the limit is 0, which the demand of a decaying
+    # current would meet in ever shorter steps.
     watched = ops.both(ops.both(d.enabled, d.supply > 0.0), ops.equal(d.at_limit, 0.0))
     entering = ops.both(watched, ops.both(free, ops.fabs(demand) > limit))
     return entering, ops.both(watched, ops.both(ops.negate(free), demand * d.side < limit))
@@ -266,9 +266,9 @@ def voltage_time(ops: Ops, p: Any, s: Motor, step: Step, crossing: Crossing, h: 
                  ) -> Value:
     """Return the time [s] at which the demanded voltage crosses the limit, `h` if it does not.
 
-    `part(time)` returns a shorter step. A current that settles in much less than the step really follows the speed and
-    meets the limit late; with the back-EMF at mid-step it would meet the limit at once. The time is then the zero of a
-    secant from that first time to the step's end.
+    `part(time)` returns a shorter step. Under the constant back-EMF of a step, a current that settles much faster than
+    the step meets the limit at once. In truth such a current follows the speed and meets the limit late: the time is
+    then the zero of a secant between the time computed first and the step's end.
     """
     if p.structure.current == "pwm":
         return h
@@ -276,8 +276,8 @@ def voltage_time(ops: Ops, p: Any, s: Motor, step: Step, crossing: Crossing, h: 
     before = drive.voltage_demand(p, d.i_ref, s.motor_current, s.drive_integral)
     after = drive.voltage_demand(p, d.i_ref, step.end.motor_current, step.end.drive_integral)
     side = ops.where(entering, ops.sign(after), d.side)
-    # The time follows from the current's exponential with the integral at the step's start. If the integral moves the
-    # demand, not the current, it follows from the line between the demands at start and end.
+    # The time follows from the current's exponential with the integral at the step's start. If not the current but the
+    # integral moves the demand to the limit, it follows from the line between the demands at start and end.
     limit = d.limit_at(ops, p, step.end.motor_speed, step.end.motor_current)
     boundary = d.i_ref - (side * limit - s.drive_integral) / p.drive.kp
     on_course = (boundary - s.motor_current) * (step.end.motor_current - boundary) >= 0.0
@@ -289,7 +289,8 @@ def voltage_time(ops: Ops, p: Any, s: Motor, step: Step, crossing: Crossing, h: 
     time = ops.where(on_course, ops.minimum(time_to(ops, c, boundary), h), on_line(before, after))
 
     def moving() -> tuple[Value, ...]:
-        # The time is at most the zero of the line between the reserves at start and end; a step may end too early.
+        # The limit also moves. The time is at most the zero of the line between the reserves at start and end: a step
+        # that ends before the event is correct, as the next one continues in the same mode.
         latest = on_line(before + side * (limit - d.limit), after)
         return (ops.where(on_course, ops.minimum(time, latest), latest),)
 

@@ -5,8 +5,8 @@ dispersion problems", SIAM Journal on Scientific Computing 20 (4), 1456-1480:
 
     (I - g h A) k1 = f(y)        (I - g h A) k2 = f(y + h k1) - 2 k1        y(h) = y + h (3 k1 + k2)/2
 
-With g = 1 - 1/sqrt(2) and the Jacobian A of f the method is L-stable: it damps a mode much faster than the step. It is
-of second order for any A, so difference quotients are sufficient.
+With g = 1 - 1/sqrt(2) and the Jacobian A of f the method is L-stable: a mode that decays much faster than the step is
+damped. It is of second order for any A, so difference quotients are sufficient.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def ros2(ops: Ops, slope: Callable[[list[Value]], list[Value]], begin: list[Valu
 
 
 def solve(matrix: Sequence[Sequence[Value]], right: Sequence[Value]) -> list[Value]:
-    """Return the solution of linear equations, eliminated without pivoting, which a matrix near I does not need."""
+    """Return the solution [n] of `matrix` [n, n] y = `right` [n] by elimination without pivoting; no pivot may be 0."""
     rows = [[*row, value] for row, value in zip(matrix, right, strict=True)]
     count = len(rows)
     for i in range(count):

@@ -1,9 +1,9 @@
 """Tracing: operations that record themselves turn equations into a straight-line program.
 
-A traced function looks up no attributes, calls only elementary functions, and computes no value twice. Its operations
-are those of the original function in the same order, so the results are equal. Values that depend on parameters alone
-are computed in a prologue that runs once. :mod:`emcas_fmu.trace.python_source` and :mod:`emcas_fmu.trace.c_source`
-print the program.
+A traced function looks up no attributes, calls only elementary functions, and reuses results of repeated operations.
+Its operations are those of the original function in the same order, so the results are equal. Values that depend on
+parameters alone are computed in a prologue that runs once. :mod:`emcas_fmu.trace.python_source` and
+:mod:`emcas_fmu.trace.c_source` print the program.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ class _Scope:
     holding: dict[str, bool] = field(default_factory=dict)
     """The condition of the branch to which the block belongs, and whether it holds in the block."""
     computed: dict[tuple[Any, ...], Expr] = field(default_factory=dict)
-    """Values by operation and operands, so that no value is computed twice."""
+    """Values by operation and operands, for reuse."""
     block: Block = field(default_factory=Block)
 
     def find(self, key: tuple[Any, ...]) -> Expr | None:

@@ -17,7 +17,7 @@ ARITHMETIC = {
 
 
 class Writer(ABC):
-    """A printer that converts blocks to lines; it omits values that are never read, and inlines values read once.
+    """A printer that converts blocks to lines; it omits values never read, and inlines a function's values read once.
 
     `templates` are the texts of operations in the language, with the operands as ``{0}``, ``{1}``, ``{2}``. An operand
     that occurs twice in a template counts as read twice.
