@@ -43,7 +43,7 @@ class Batch:
     4 or 8; by default as many as the processor's vectors hold, or 1 where compiling for vectors is not worth its time)
     is the number of actuators that are advanced at once, without effect on the results. Raises ParameterError naming
     the first actuator whose parameters break a limit or rule, CompilerError if no kernel can be compiled, ValueError
-    for a wrong shape or `count` or too many `lanes`.
+    for a wrong shape, `count` or number of `lanes`.
     """
 
     def __init__(self, parameters: Array, count: int, model: str = NONLINEAR, threads: int = 1,
@@ -138,14 +138,15 @@ class Batch:
         """Advance every actuator to `end` [s from the start] with its inputs held; return :attr:`outputs`.
 
         Raises ValueError for an end that is not finite, ArithmeticError naming actuators whose step cannot be computed
-        (ten at most, with the reason of the first); these keep their states and outputs, the others have moved.
+        (ten at most for each reason); these keep their states and outputs, the others have moved.
         """
         if not isfinite(end):
             raise ValueError(f"the end of the step, {end} s, is not finite")
         if self._move_all(end, progress):
-            failed = np.flatnonzero(self._results)
-            listed = ", ".join(map(str, failed[:10])) + (", ..." if len(failed) > 10 else "")
-            raise ArithmeticError(f"actuators {listed}: {REASONS[self._results[failed[0]]]}")
+            failed = {REASONS[code]: np.flatnonzero(self._results == code) for code in np.unique(self._results) if code}
+            raise ArithmeticError("; ".join(
+                f"actuators {', '.join(map(str, which[:10]))}{', ...' * (len(which) > 10)}: {reason}"
+                for reason, which in failed.items()))
         return self.outputs
 
     def _pool(self) -> ThreadPoolExecutor:

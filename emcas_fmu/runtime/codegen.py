@@ -227,7 +227,7 @@ def bound_functions(values: Mapping[str, Any], model: str = NONLINEAR, several: 
 
 
 def core(values: Mapping[str, Any], model: str = NONLINEAR, bind: Callable[..., Functions] = bound_functions) -> Core:
-    """Return a core with the parameters `values` [SI], in Python; `bind` returns its functions like `bound_functions`."""
+    """Return a core with the parameters `values` [SI], in Python; `bind` makes its functions as `bound_functions`."""
     return Core(bind(values, model), sizes(get(model)))
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
+from typing import Any
 
 from ..errors import EmcasError
 from ..support.files import cache_directory
@@ -133,11 +134,7 @@ class Compiler:
         environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(_cache_folder(folder) / "zig"),
                        "ZIG_LOCAL_CACHE_DIR": str(folder / "z"),
                        "SOURCE_DATE_EPOCH": "315532800", "ZERO_AR_DATE": "1"}
-        try:
-            done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False,
-                                  timeout=_PATIENCE)
-        except subprocess.TimeoutExpired as error:
-            raise CompilerError(f"{' '.join(self.command)}: not finished within {_PATIENCE} s") from error
+        done = _run(command, cwd=folder, env=environment)
         if done.returncode != 0:
             raise CompilerError(f"{' '.join(self.command)} cannot compile {main} for {triple or target.name}: "
                                 f"{_reason(done.stderr or done.stdout)}")
@@ -148,11 +145,19 @@ class Compiler:
     def _require_loadable(self, library: Path) -> None:
         """Raise CompilerError if a library cannot be loaded on this machine; it is loaded in another process."""
         loading = [sys.executable, "-I", "-S", "-c", "import ctypes, sys; ctypes.CDLL(sys.argv[1])", str(library)]
-        done = subprocess.run(loading, capture_output=True, text=True, check=False, timeout=_PATIENCE)
+        done = _run(loading)
         if done.returncode != 0:
             why = "it wrote no file" if not library.is_file() else _reason(done.stderr).rpartition(": ")[2]
             raise CompilerError(f"{' '.join(self.command)} made no library that this machine can load ({why}); choose "
                                 "another compiler, or install zig:  pip install 'emcas-fmu[native]'")
+
+
+def _run(command: Sequence[str], **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run a command and return its output as text. Raises CompilerError if it does not finish."""
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=_PATIENCE, **options)
+    except subprocess.TimeoutExpired as error:
+        raise CompilerError(f"{' '.join(command)}: not finished within {_PATIENCE} s") from error
 
 
 def _cache_folder(otherwise: Path) -> Path:
@@ -178,18 +183,21 @@ def zig() -> Compiler | None:
     if importlib.util.find_spec("ziglang") is None:
         return None
     command = (sys.executable, "-m", "ziglang", "cc")
-    done = subprocess.run([*command[:-1], "version"], capture_output=True, text=True, check=False)
+    done = _run([*command[:-1], "version"])
     return Compiler(command, f"zig {done.stdout.strip()}", True) if done.returncode == 0 else None
 
 
 @cache
 def system(name: str) -> Compiler:
     """Return a system compiler by name or command line. Raises CompilerError if it does not run."""
-    program, *options = shlex.split(name) or [""]
+    try:
+        program, *options = shlex.split(name) or [""]
+    except ValueError as error:
+        raise CompilerError(f"{name}: is no command line ({error})") from error
     path = shutil.which(program)
     if path is None:
         raise CompilerError(f"{name}: there is no such program")
-    done = subprocess.run([path, "--version"], capture_output=True, text=True, check=False)
+    done = _run([path, "--version"])
     if done.returncode != 0:
         raise CompilerError(f"{name}: does not answer to --version, so it is not a known C compiler")
     return Compiler((path, *options), done.stdout.splitlines()[0] if done.stdout else name, False)

@@ -128,11 +128,13 @@ def vectors(model: str, steps: float, lanes: int | None = None) -> ct.CDLL | Non
     """Return the library that steps several actuators of a model at once, if compiling saves time over `steps` of 1 ms.
 
     Returns None if it does not, or if there is no library for vectors. `lanes` is the number of actuators in a vector,
-    4 or 8 (others: None), by default as many as the processor allows. Raises ValueError for more, CompilerError if
-    nothing can be compiled.
+    1 (None), 4 or 8, by default as many as the processor allows. Raises ValueError for others and for more than these,
+    CompilerError if nothing can be compiled.
     """
     most = loaded(model).actuator_lanes()
     lanes = most if lanes is None else lanes
+    if lanes not in (1, *_VECTOR_FLAGS):
+        raise ValueError(f"{lanes} actuators in a vector: only {', '.join(map(str, (1, *_VECTOR_FLAGS)))} are possible")
     if lanes > most:
         raise ValueError(f"vectors of this processor hold {most} numbers, not {lanes}")
     if lanes not in _VECTOR_FLAGS or not worth(model, steps, lanes):

@@ -183,7 +183,7 @@ def test_vectors_are_compiled_only_for_many_steps(monkeypatch: pytest.MonkeyPatc
     assert library.vectors(model, 1, width) is not None
     assert library.vectors("second-order", 1, width) is None
     assert library.vectors(model, library.WORTH_VECTORS, 1) is None
-    with pytest.raises(ValueError, match="not 16"):
+    with pytest.raises(ValueError, match="16 actuators in a vector"):
         library.vectors(model, library.WORTH_VECTORS, 16)
     row = parameter_row(load_parameters().values)[np.newaxis]
     lanes = library.loaded(NONLINEAR).actuator_lanes()

@@ -88,6 +88,7 @@ def test_build_writes_an_fmu_or_refuses(tmp_path: Path) -> None:
         (("--platform", "linux64", "--output", target), "are for backend native"),
         (("--backend", "native", "--platform", "vax", "--output", target), "choose from linux64, win64, darwin64"),
         (("--backend", "native", "--cc", "no-such-cc", "--output", target), "there is no such program"),
+        (("--backend", "native", "--cc", "gcc 'x", "--output", target), "is no command line"),
         (("--backend", "native", "--cc", "false", "--output", target), "does not answer"),
         (("--backend", "native", "--cc", "cc", "--platform", "darwin64", "--output", target),
          "leave cc out to use zig"),

@@ -294,10 +294,11 @@ def _contradicted(fit: Fit, free: Sequence[Unknown]) -> Iterator[str]:
     prior's variance minus the estimate's.
     """
     for u, value, sigma in zip(free, fit.values, fit.sigmas):
-        if u.has_prior and (value - u.mean) ** 2 > _CONTRADICTED**2 * max(u.sigma**2 - sigma**2, 0.01 * u.sigma**2):
-            yield (f"{u.name} = {value:.6g} {u.unit} lies {abs(value - u.mean) / u.sigma:.2g} sigma from its prior, "
-                   f"{u.mean:.6g}: the records contradict the prior; correct it, or look for an effect that the model "
-                   "lacks")
+        expected = sqrt(max(u.sigma**2 - sigma**2, 0.01 * u.sigma**2))
+        if u.has_prior and abs(value - u.mean) > _CONTRADICTED * expected:
+            yield (f"{u.name} = {value:.6g} {u.unit} differs from its prior, {u.mean:.6g}, by "
+                   f"{abs(value - u.mean) / expected:.2g} sigma of this difference: the records contradict the prior; "
+                   "correct it, or look for an effect that the model lacks")
 
 
 def _poor(comparisons: Sequence[ReplayedOutput]) -> Iterator[str]:

@@ -38,8 +38,8 @@ COLUMNS: Mapping[str, tuple[str, str]] = {
 """The unit (SI, degC for temperatures) and the meaning of each column."""
 DIRECTIONS = ((1, "positive"), (-1, "negative"))
 FEWEST_ROWS = 20
-# Largest jitter of a logger's time stamps, as a share of the sample interval. Estimates depend on differences between
-# neighbouring samples, whose relative error is the same.
+# Largest jitter of the interval between a logger's time stamps, as a share of the mean interval. Estimates depend on
+# differences between neighbouring samples, whose relative error is the same. A stamp may be off by half an interval.
 _JITTER = 0.05
 _FLAT = 6  # fewest successive equal values at an extreme that show a clipped record
 _NOISY = 0.5  # share of samples equal to their neighbour, below which a record is noisy
@@ -181,7 +181,7 @@ def _interval(path: Path, time: Array) -> float:
                           f"{time[row - 1]:.9g} s); sort the rows and remove repeated ones")
     step = float(time[-1] - time[0]) / len(steps)
     # Deviations up to 2e-9 of the largest time come from time stamps with nine digits.
-    if np.abs(time - time[0] - step * np.arange(len(time))).max() > max(0.5, _JITTER) * step \
+    if np.abs(time - time[0] - step * np.arange(len(time))).max() > 0.5 * step \
             or np.abs(steps - step).max() > max(_JITTER * step, 2e-9 * np.abs(time).max()):
         row = int(np.argmax(np.abs(steps - step))) + 2
         raise RecordError(f"{path}: samples are not equally spaced: {steps[row - 2]:.6g} s before data row {row}, "
