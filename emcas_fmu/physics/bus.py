@@ -19,6 +19,10 @@ would overshoot unless R h/L is small. A link follows its equation exactly under
 drives' inductances stays bounded if C >= h^2 sum 1/L_i; a smaller C is raised to this value. V_0 is a millivolt, or the
 source's voltage if that is less, so that I = sum P_i/V is finite on a collapsed bus; at V = 0 the drives' I is 0.
 
+Drives whose current does not follow the voltage (sum 1/L = 0) keep their power P = sum P_i. Without a link V is the
+higher solution of V = V_b - R P/V. With a link C is at least h |I|/V. V does not fall below V_b/2, where the source
+supplies its largest power, even if P is larger.
+
 For an actuator with its own link, q rises by the charge that flowed to it in the interval. The sag follows from the
 mean current that the actuator will draw in the next interval, with 1/L = Y/h, where Y is its mean admittance. Within an
 interval only the part c = Y h of its link's capacitance follows a change of V. If C >= sum c, the exchange between bus
@@ -65,20 +69,24 @@ def following(ops: Ops, p: Any, source: Value, states: Sequence[Value], current:
     `inverse_inductance` is sum 1/L_i [1/H].
     """
     sag, link, drawn = states
-    h, fallen = p.update_time, fall(ops, p, drawn)
+    h, fallen, follows = p.update_time, fall(ops, p, drawn), inverse_inductance > 0.0
+    before, open_circuit = voltage(ops, source, sag, link, drawn), ops.maximum(source - fallen, 0.0)
 
     def linked() -> tuple[Value, ...]:
-        capacitance = ops.maximum(p.capacitance, h * h * inverse_inductance)
+        least = ops.where(follows, h * h * inverse_inductance, h * ops.fabs(mean) / ops.maximum(before, LEAST_VOLTAGE))
+        capacitance = ops.maximum(p.capacitance, least)
         of_link = namespace({"supply.source_resistance": p.source_resistance, "supply.one_way": True,
                              "supply.capacitance": capacitance, "supply.chopper_voltage": p.chopper_voltage,
                              "supply.chopper_resistance": p.chopper_resistance})
-        before = voltage(ops, source, sag, link, drawn)
-        after, charge = supply.moved(ops, of_link, before, ops.maximum(source - fallen, 0.0), mean, h)
+        after, charge = supply.moved(ops, of_link, before, open_circuit, mean, h)
+        after = ops.where(follows, after, ops.maximum(after, ops.minimum(before, open_circuit / 2.0)))
         return sag, after, drawn + ops.maximum(charge, 0.0)
 
     def direct() -> tuple[Value, ...]:
         resistance, admittance = p.source_resistance, h * inverse_inductance
-        reached = sag + (resistance * current + fallen - sag) / (1.0 + resistance * admittance)
+        crossing = sag + (resistance * current + fallen - sag) / (1.0 + resistance * admittance)
+        root = ops.sqrt(ops.maximum(open_circuit * open_circuit - 4.0 * resistance * current * before, 0.0))
+        reached = ops.where(follows, crossing, source - (open_circuit + root) / 2.0)
         return reached, link, ops.maximum(drawn + mean * h, -p.charge_used)  # a full battery stores no more
 
     return ops.branch(p.capacitance > 0.0, linked, direct)

@@ -106,7 +106,7 @@ def test_a_link_charges_by_the_exponential(update: float) -> None:
     p, states = bus_parameters(source_resistance=0.1, capacitance=5e-3, update_time=update), (0.0, bus.NO_LINK, 0.0)
     count = round(0.02 / update)
     for _ in range(count):
-        states = bus.following(FLOATS, p, 39.0, states, 40.0, 40.0, 0.0)
+        states = bus.following(FLOATS, p, 39.0, states, 40.0, 40.0, 1e-9)  # of drives that follow the voltage
     decay = np.exp(-0.02 / 5e-4)
     assert states[1] == pytest.approx(39.0 - 4.0 * (1.0 - decay), rel=1e-12)
     # Each of 2000 updates rounds the link's charge, 39 V 5e-3 F, by some 1e-16 of it.
@@ -124,7 +124,7 @@ def test_no_update_of_the_link_creates_energy(resistance: float, capacitance: fl
     voltages, states = [link], (0.0, link, 0.0)
     open_circuit = max(39.0 - bus.fall(FLOATS, fine, 0.0), 0.0)
     for _ in range(64):
-        states = bus.following(FLOATS, fine, 39.0, states, current, current, 0.0)
+        states = bus.following(FLOATS, fine, 39.0, states, current, current, 1e-9)
         voltages.append(states[1])
     assert states[2] >= 0.0  # the diode
     drawn = current * float(np.trapezoid(voltages, dx=1e-3 / 64))
@@ -275,6 +275,24 @@ def test_a_winding_without_inductance_does_not_let_the_bus_ring(model: str, capa
     assert coarse["bus_voltage"].max() < 100.0
     # The small link is raised to h sum 1/R of the servos: 0.16 deg, three times for margin.
     assert np.abs(angles(coarse) - angles(fine)).max() < radians(0.5)
+
+
+@pytest.mark.parametrize("capacitance", [0.0, 1e-6, 1e-3])
+def test_drives_of_constant_power_neither_collapse_nor_charge_the_bus(capacitance: float) -> None:
+    """The current of `ozkan` does not follow the voltage: the bus fell to 1 mV, then rose to 100 kV."""
+    values, resistance, source = load_parameters(model="ozkan").values, 0.1, 39.0
+    run = simulate_fins([values] * 4, 0.3, 1e-3, "ozkan", {
+        RESISTANCE: resistance, LINK: capacitance}, fin_command=lambda t: 0.3 if t < 0.1 else -0.3)
+    voltage, current = run["bus_voltage"], run["bus_current"]
+    power = run["supply_power"]
+    assert power.max() > source**2 / (4.0 * resistance)  # above the source's largest power
+    assert voltage.min() == pytest.approx(source / 2.0)
+    if capacitance:  # returned energy raises the link; C is raised, too, at most to h |I|/V
+        assert 0.5 * capacitance * voltage.max() ** 2 < 1.02 * -np.sum(np.minimum(power, 0.0)) * 1e-3
+    else:
+        supplied = power < 0.95 * source**2 / (4.0 * resistance)
+        exact = source - resistance * current[supplied]  # before the update of the bus, every 0.1 ms
+        assert np.abs(voltage[supplied] - exact).max() < 0.5
 
 
 # -- the FMUs -------------------------------------------------------------------
