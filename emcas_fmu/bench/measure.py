@@ -1,7 +1,7 @@
 """The tests of requirements, and the figures measured in them.
 
 A motion or a load is tested in both directions, and the worse figure counts. All studies use these tests: a figure has
-the same value wherever it is shown.
+the same value wherever it is shown, except that experiments of campaigns integrate the power more finely.
 """
 
 from __future__ import annotations

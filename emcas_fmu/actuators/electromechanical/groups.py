@@ -81,7 +81,7 @@ MOTOR = Group((
     parameter("motor.torque_constant", "N.m/A", 1e-6, 100.0, "torque constant", sheet="motor: torque constant K_t"),
     parameter("motor.back_emf_constant", "V.s/rad", 0.0, 100.0, "back-EMF constant",
               sheet="motor: back-EMF or voltage constant K_e; 1 over the speed constant"),
-    parameter("motor.resistance", "Ohm", 1e-6, 1e4, "winding resistance",
+    parameter("motor.resistance", "Ohm", 1e-4, 1e4, "winding resistance",
               sheet="motor: terminal resistance, line to line")), (
     Output(real_output("motor_speed", "rad/s", "motor speed", 100.0, display="rpm")),
     Output(real_output("motor_torque", "N.m", "motor torque", 3.0),
