@@ -26,7 +26,7 @@ SCHEMA = "emcas-credibility/1"
 CARD_FILE = "documentation/credibility.json"
 """Path of the card inside an FMU."""
 NOT_DONE = "not done here"
-USE = "In a 6-DOF simulation it turns fin commands and hinge moments into fin angles."
+USE = "The model is for 6-DOF simulations: it computes fin angles from fin commands and hinge moments."
 APPLIES = "they apply to a device as far as the parameters are those of the device"
 DATA, VERIFICATION, VALIDATION, INPUTS, UNCERTAINTY, ROBUSTNESS, HISTORY, MANAGEMENT = (
     "Data pedigree", "Verification", "Validation", "Input pedigree", "Uncertainty characterization",
@@ -79,7 +79,7 @@ class Card:
         return [fact.what for _, fact in self.rows if fact.value == NOT_DONE]
 
     def having(self, name: str, *facts: Fact) -> Card:
-        """Return the card with `facts` in the factor `name`; they replace facts of the same `what` but not commands."""
+        """Return the card with `facts` in the factor `name`; they replace those of the same `what`, not commands."""
         new = {fact.what: fact for fact in facts}
 
         def updated(factor: CredibilityFactor) -> CredibilityFactor:
@@ -117,7 +117,7 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
     runs = len(options) == len(extensions)
     option = f"--model {'+'.join((shlex.quote(source.name) if source else actuator, *options))}"
     files = [[s.file for s in repeatable(p).sources if s.sha256] for p in sets]
-    common = [file for file in files[0] if all(file in each for each in files)]  # no command has files of a single fin
+    common = [file for file in files[0] if all(file in each for each in files)]  # a command's files apply to all fins
     settings = "".join(f" {each}" for each in (*([option] if actuator != NONLINEAR or options else ()),
                                                *(f"--parameters {shlex.quote(file)}" for file in common)))
     external = f" {option}" if source else ""
@@ -161,7 +161,7 @@ def card(sets: Sequence[ParameterSet], fmu: str = "", configuration: Iterable[Fa
     return Card(
         SCHEMA, get(model).name, tuple(parameters_hash(p.values) for p in sets), USE,
         (f"Results describe the model; {APPLIES}.",
-         *([f"It is without the extensions {', '.join(missing)}."] if missing else ()),
+         *([f"The model does not have the extensions {', '.join(missing)}."] if missing else ()),
          *(() if runs else ["emcas report, validate, baseline and campaign cannot run this FMU: it does not have all "
                             "inputs of an actuator."]), *warnings),
         tuple(CredibilityFactor(name, tuple(facts)) for name, facts in factors.items()))

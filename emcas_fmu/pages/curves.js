@@ -6,7 +6,7 @@ const NEAR = 40;  // largest distance [pixels] from the cursor of a point whose 
 const MOST_READ = 14;  // most values shown under the cursor
 const BLUE = "#0072b2";  // the only colour of pictures that is too dark for a dark page
 
-/** The values of a column that was packed by figures/thinning.py: decimals and differences, or numbers if `log`. */
+/** The values of a column that was packed by plotting/thinning.py: decimals and differences, or numbers if `log`. */
 function unpacked(packed, log) {
     if (log) return packed;
     const unit = 10 ** -packed[0];

@@ -17,7 +17,7 @@ def rounded(value: float, form: str) -> str:
 def number(value: float | bool | None) -> str:
     """Return a figure as text: with four significant digits, from 1e4 as a whole number.
 
-    None and nan are a dash, inf is ``not reached``, a bool ``yes`` or ``no``.
+    None and nan are a dash, inf is ``not reached``, -inf ``-∞``, a bool ``yes`` or ``no``.
     """
     if isinstance(value, bool):
         return "yes" if value else "no"
@@ -61,6 +61,6 @@ def with_unit(value: float | bool | None, unit: str, limit: float | None = None)
 
 
 def typeset(unit: str) -> str:
-    """Return a unit as pages show it, with ``°`` for deg, ``·`` for the dot and ``²`` for 2; empty for 1."""
+    """Return a unit as pages show it: ``°`` for deg, ``·`` for the dot, ``²`` and ``³`` for powers; empty for 1."""
     raised = re.sub(r"(?<=[A-Za-z)])[23]", lambda digit: "²³"[int(digit[0]) - 2], unit).replace(".", "·")
     return {"1": "", "deg": "°", "deg/s": "°/s", "degC": "°C"}.get(unit, raised)

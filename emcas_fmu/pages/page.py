@@ -62,7 +62,7 @@ def environment() -> Environment:
     jinja.tests["tuple"] = lambda row: type(row) is tuple  # not a named tuple
     jinja.globals.update(version=__version__, applies=APPLIES, **{
         name: files("emcas_fmu.pages").joinpath(file).read_text(encoding="utf-8") for name, file in _SCRIPTS.items()})
-    jinja.globals["m"] = jinja.get_template("pages/macros.html.j2").module  # the blocks that pages are jinja of
+    jinja.globals["m"] = jinja.get_template("pages/macros.html.j2").module  # the blocks that pages are made of
     return jinja
 
 
@@ -78,7 +78,8 @@ def write_page(path: Path, template: str | Path, of: Iterable[ParameterSet | Sou
                **context: Any) -> None:
     """Write the page of a template that extends ``pages/base.html.j2``; see `page`.
 
-    The page ends with its provenance: the sources `of` which it is made, and the `date`, by default today.
+    The page ends with its provenance: the sources `of` which it is made, and the `date`, by default today. `context`
+    are the template's variables.
     """
     how = made(*of)
     write(path, page(template, made=replace(how, date=date or how.date), **context))

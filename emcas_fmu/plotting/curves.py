@@ -131,7 +131,7 @@ class _Contents:
             raise _StaticError
 
     def _points(self, x: Column, y: Column, markers: bool) -> dict[str, Any]:
-        """Return a line's points: with `markers` those in view; otherwise all, thinned if x never falls."""
+        """Return a line's points: with `markers` those in the range of x; otherwise all, `thinned` if x never falls."""
         (log_x, limits_x), (log_y, limits_y) = self.scales
         finite = np.isfinite(x) & np.isfinite(y) & ~((x <= 0.0) & log_x) & ~((y <= 0.0) & log_y)
         along, up = share(x, log_x, limits_x), share(y, log_y, limits_y)
@@ -169,7 +169,7 @@ class _Contents:
 
 
 def _text(text: Any, axes: Axes) -> dict[str, Any]:
-    """Return a text with its position, in data or as a share of the panel. Raises _StaticError otherwise."""
+    """Return a text at a position in data or shares of the panel. Raises _StaticError for others and rotated texts."""
     x, y = text.get_position()
     words = {"text": text.get_text(), "align": text.get_ha(), "base": text.get_va(), "color": _color(text)}
     if hasattr(text, "xyann") or text.get_rotation():

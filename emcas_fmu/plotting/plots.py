@@ -61,7 +61,7 @@ def style() -> Iterator[None]:
 
 def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2.2, x: str = "",
            y: Iterable[str] = (), **more: Any) -> tuple[Figure, Any]:
-    """Return a figure and its grid of axes as an array; call it inside `style()`.
+    """Return a figure and its axes, an array [row, column]; call it inside `style()`.
 
     `width` is that of the figure, `height` that of a row, in inches. `x` is the label below each column, `y` are the
     labels at the left of the rows. `more` are arguments of Matplotlib's subplots.
@@ -76,13 +76,13 @@ def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2
 
 
 def column(*y: str, x: str = "", **more: Any) -> tuple[Figure, Any]:
-    """Return a figure with a panel for each label `y`, one above the other over `x`, and their axes; see `figure`."""
+    """Return a figure and its axes: one column of panels with the labels `y` over a common axis `x`; see `figure`."""
     empty, grid = figure(len(y), x=x, y=y, **{"sharex": True, **more})
     return empty, grid[:, 0]
 
 
 def panel_grid(count: int, columns: int, x: str = "", **more: Any) -> tuple[Figure, list[Any]]:
-    """Return a figure of `count` panels in rows of `columns`, with `x` below each column, and axes; see `figure`."""
+    """Return a figure and its `count` axes in rows of `columns`, with the label `x` below each column; see `figure`."""
     empty, grid = figure(-(-count // columns), columns, **more)
     for axes in grid.flat[count:]:
         axes.set_visible(False)
@@ -93,7 +93,7 @@ def panel_grid(count: int, columns: int, x: str = "", **more: Any) -> tuple[Figu
 
 
 def time_axis(duration: float) -> tuple[str, float]:
-    """Return the label of a time axis, in ms up to a `duration` of 1 s, otherwise in s, and its units per second."""
+    """Return the label of a time axis and its units per second: ms up to a `duration` of 1 s, otherwise s."""
     return ("time [ms]", 1e3) if duration <= 1.0 else ("time [s]", 1.0)
 
 
@@ -107,14 +107,14 @@ def limits(axes: Axes, *levels: float, sides: bool = False, across: bool = True,
 
 
 def svg(plot: Figure, label: str = "", description: str = "") -> str:
-    """Return a figure as <svg> element; `label` and `description` are for screen readers. The layout is then fixed."""
+    """Return a figure as <svg> element; `label` and `description` are for screen readers. The call fixes the layout."""
     text = StringIO()
     for axis in (axis for axes in plot.axes for axis in (axes.xaxis, axes.yaxis)):
         if isinstance(axis.get_major_formatter(), LogFormatterMathtext):  # formulas need fonts that may be missing
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(LogFormatter())
-    if layout := plot.get_layout_engine():  # Matplotlib would render the whole figure twice for it
-        FigureCanvasSVG(plot)  # text sizes are those of SVG
+    if layout := plot.get_layout_engine():  # while saving, it would render the whole figure a second time
+        FigureCanvasSVG(plot)  # the layout uses the text sizes of SVG
         layout.execute(plot)
         plot.set_layout_engine(None)
     with mpl.rc_context({"svg.hashsalt": "emcas", "svg.fonttype": "none"}):
@@ -134,7 +134,7 @@ def svg(plot: Figure, label: str = "", description: str = "") -> str:
 
 
 class Drawing(NamedTuple):
-    """A figure for a page."""
+    """A figure of Matplotlib with title and caption, for a page."""
 
     title: str
     figure: Figure
@@ -142,7 +142,7 @@ class Drawing(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """A figure in a page; `curves` are its data for the page's script, empty for a static picture."""
+    """A figure as SVG; `curves` are its data as JSON for the script curves.js, empty for a static picture."""
 
     title: str
     svg: str
@@ -151,7 +151,7 @@ class Picture(NamedTuple):
 
 
 def picture(plot: Figure, title: str, caption: str) -> Picture:
-    """Return a figure for a page."""
+    """Return a figure of `style()` as SVG with its data."""
     return Picture(title, svg(plot, title, caption), caption, curves(plot))
 
 
@@ -163,7 +163,10 @@ def pictures(drawings: Iterable[Drawing | None]) -> list[Picture]:
 
 def bode(gain: Axes, phase: Axes, frequency: Any, gain_db: Any, phase_deg: Any, marks: Sequence[float],
          **look: Any) -> None:
-    """Plot gain [dB] and phase [deg] over frequency [Hz]; dots are at `marks`, the frequencies of -3 dB and -90 deg."""
+    """Plot gain [dB] and phase [deg] over frequency [Hz]; dots are at `marks`, the frequencies of -3 dB and -90 deg.
+
+    `look` are line properties with a `color`.
+    """
     gain.semilogx(frequency, gain_db, **look)
     phase.semilogx(frequency, phase_deg, **look)
     for axes, at, level in zip((gain, phase), marks, (-3.0, -90.0), strict=True):

@@ -21,7 +21,7 @@ def rounded(value: float, digits: int = 6) -> float:
 
 
 def share(values: Column, log: bool, limits: Sequence[float]) -> Column:
-    """Return positions [1] of values along an axis, 0 and 1 at its `limits` in the values' unit; `log`: logarithmic."""
+    """Return the positions [1] of values along a linear or logarithmic (`log`) axis: 0 and 1 at its `limits`."""
     low, high = (np.log10(limits) if log else np.asarray(limits, dtype=float))
     with np.errstate(divide="ignore", invalid="ignore"):
         shares: Column = ((np.log10(values) if log else values) - low) / ((high - low) or 1.0)
@@ -29,10 +29,10 @@ def share(values: Column, log: bool, limits: Sequence[float]) -> Column:
 
 
 def thinned(x: Column, y: Column, finite: NDArray[np.bool_]) -> list[int]:
-    """Return the indices of the points that reproduce a line within the resolution (swinging door); x must not fall.
+    """Return the indices of points whose line is within the resolution of that of all (swinging door); x must not fall.
 
-    `x` and `y` are shares [1] of the axes. Points outside 0 <= x <= 1 are dropped, except the nearest on each side. Of
-    the points that are not finite, one remains in each gap.
+    `x` and `y` are shares [1] of the axes. Points outside 0 <= x <= 1 are dropped, except the nearest on each side; if
+    no point is inside, all are dropped. Of the points that are not finite, one remains in each gap.
     """
     inside = np.flatnonzero((x >= 0.0) & (x <= 1.0) & finite)
     if not len(inside):
@@ -49,7 +49,7 @@ def thinned(x: Column, y: Column, finite: NDArray[np.bool_]) -> list[int]:
 def _thinned_piece(x: Column, y: Column, begin: int, end: int) -> list[int]:
     """Return the indices to keep among the finite points `begin` to `end` - 1."""
     kept = [begin]
-    low, high = -inf, inf  # range of the slopes of lines from the last kept point that pass all points after it
+    low, high = -inf, inf  # slopes of the lines from the last kept point that pass all later points closely enough
     at, up = x.tolist(), y.tolist()
     for i in range(begin + 1, end):
         along = at[i] - at[kept[-1]]
@@ -69,8 +69,8 @@ def _thinned_piece(x: Column, y: Column, begin: int, end: int) -> list[int]:
 def packed(values: Column, log: bool, limits: Sequence[float]) -> list[Any]:
     """Return values for JSON, with None for values that are not finite.
 
-    On a logarithmic axis (`log`) they are numbers of five digits. On a linear axis with these `limits` the list has a
-    number of decimals, then the difference of each value from the one before it, in units of the last decimal.
+    On a logarithmic axis (`log`) they have five significant digits. On a linear axis with these `limits` the list has
+    the number of decimals, then each value minus the one before it (at first 0), in units of the last decimal.
     """
     if log:
         return [rounded(value, 5) if isfinite(value) else None for value in values.tolist()]

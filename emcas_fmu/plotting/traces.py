@@ -18,7 +18,7 @@ SHOWN: Mapping[str, tuple[str, float]] = {
     "aero_torque": ("moment [N.m]", 1.0), "drive_reference": ("DAC [V]", 1.0), "motor_current": ("current [A]", 1.0),
     "motor_voltage": ("voltage [V]", 1.0), "supply_voltage": ("voltage [V]", 1.0), "supply_power": ("power [W]", 1.0)}
 """The label of each variable's panel, and the factor from SI to the unit in the label."""
-_MOST_POINTS = 6000  # of a line: more than the pixels across a page
+_ENOUGH_POINTS = 6000  # of a line, more than the pixels across a page; less than twice as many are plotted
 
 
 def panels(names: Sequence[str], columns: int = 1, **more: Any) -> tuple[Figure, list[dict[str, Axes]]]:
@@ -38,7 +38,7 @@ def trace(axes: Axes, columns: Mapping[str, Any], name: str, window: tuple[float
     `unit` is the number of units of the time axis in a second. At most every `every`-th row is plotted.
     """
     at = _within(columns, window)
-    at = at[::max(every, len(at) // _MOST_POINTS)]
+    at = at[::max(every, len(at) // _ENOUGH_POINTS)]
     command = {"label": "command", "drawstyle": "steps-post", **plots.COMMAND_STYLE} if name == "fin_command" else {}
     axes.plot((columns["time"][at] - zero) * unit, columns[name][at] * SHOWN[name][1], **{**command, **look})
 

@@ -272,7 +272,7 @@ def test_mission_may_be_a_file(tmp_path: Path) -> None:
     assert document["figures"]["mission"]["file"]["duration_s"] == pytest.approx(0.5)
     assert document["methods"]["mission"]["estimate"] is None
     text, of_mission = (tmp_path / "report.html").read_text(encoding="utf-8").split('<h2 id="mission">')
-    assert "unless a test below states another; aero_torque has no effect on this actuator&#39;s motion." in text
+    assert "unless a test below states others; aero_torque has no effect on this actuator&#39;s motion." in text
     assert "An integral, if the controller has one, answers even smaller commands later." in text
     assert "<strong>Estimate.</strong>" not in of_mission
 

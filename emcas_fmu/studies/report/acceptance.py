@@ -53,8 +53,8 @@ class Acceptance:
     """The result of an acceptance test.
 
     `load` is the hinge moment [N.m] of the tests, `rated_load` that of the requirements. `loads` are the moments [N.m]
-    of requirements, by the names of the requirements. `low_supply` has the names of those at a low supply, whose limits
-    do not apply to the tests. `unloaded` is the reason why no load moves the fin; empty if loads do.
+    of requirements, by the names of the requirements. `low_supply` has the names of those at another supply than
+    the actuator's, whose limits are not plotted. `unloaded` is the reason why no load moves the fin; empty if loads do.
     """
 
     about: Identity
@@ -101,8 +101,8 @@ def carry_out(subject: Subject, *, load: float | None = None, profile: Excitatio
     """Carry out every test, and judge the subject by a specification, the shipped one by default.
 
     `load` replaces the rated hinge moment [N.m] of the requirements, `profile` the synthetic mission profile.
-    `progress` is called with the test's name, the number of finished tests and their total. A subject that fails has a
-    result. Raises EmcasError for a requirement on a figure that no test has.
+    `progress` is called with the test's name, the number of finished tests and their total. Raises EmcasError for a
+    requirement on a figure that no test has, but not if the subject fails.
     """
     rig, outcomes, total = Rig(subject, load, profile, specification), dict[str, Outcome](), len(TESTS) + 1
     card = subject.card  # raises for an FMU with a damaged card, before the tests
@@ -166,7 +166,7 @@ def _check_figure(r: Requirement, file: str) -> None:
 
 
 def _of_report(judged: Judged, outcomes: Mapping[str, Outcome], file: str, optional: bool) -> Judged:
-    """Return the verdict on a requirement on a figure of the report. Raises EmcasError if it is not a number."""
+    """Return the verdict on a figure of the report. Raises EmcasError if the figure is missing or yes or no."""
     figures, (test, group, key) = dict(flat_figures(outcomes)), judged.figure.split(".")
     outcome, value = outcomes[test], figures.get(judged.figure)
     if outcome.stopped or key in outcome.not_applicable:

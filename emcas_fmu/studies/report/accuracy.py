@@ -1,7 +1,8 @@
 """Static accuracy on a grid of angles, smallest commands that move the fin, and accuracy of the stepping.
 
-The controllers know the nominal actuator exactly: its static errors come from friction and encoder alone. An actuator
-as built deviates from the nominal one: a tolerance is a case that changes only parameters `deviation.*`.
+The controllers know the nominal actuator exactly: its static errors come from its loops, friction and imperfections,
+such as encoder and backlash. An actuator as built deviates from it: a tolerance is a case that changes only parameters
+`deviation.*`.
 """
 
 from __future__ import annotations
@@ -89,8 +90,8 @@ def static(rig: Rig) -> Outcome:
 def detected_motion(subject: Subject) -> tuple[float, str]:
     """Return the smallest detected motion [rad] and its description.
 
-    It is one encoder count at the fin, where a count is largest, if the shared encoder is enabled and on the fin or on
-    the motor of a screw; otherwise 1 % of the accuracy of Table 2 of Yerlikaya (2016).
+    With an enabled encoder on the fin, or on the motor of a screw, it is one count at the fin, at the angle at which a
+    count is largest; otherwise 1 % of the accuracy of Table 2 of Yerlikaya (2016).
     """
     one_count = "one encoder count at the fin"
     provides, p = subject.actuator.provides, subject.actuator.namespace(subject.values)
@@ -99,7 +100,7 @@ def detected_motion(subject: Subject) -> tuple[float, str]:
         return ACCURACY / 100.0, "1 % of the accuracy of Table 2 of Yerlikaya (2016)"
     if p.encoder.on_fin:
         return float(sensors.resolution(p)), one_count
-    # The smallest reduction ratio is where the lever is perpendicular to the screw, or at an end of the range.
+    # The reduction ratio is smallest where the lever is nearest to perpendicular to the screw.
     lever = max(abs(p.kinematics.initial_angle) - subject.command_limit, 0.0)
     return float(sensors.resolution(p) / kinematics.reduction_ratio(FLOATS, p, tan(lever))), one_count
 
@@ -107,7 +108,8 @@ def detected_motion(subject: Subject) -> tuple[float, str]:
 def smallest(moves: Callable[[float], bool], low: float, high: float, ratio: float = RATIO) -> float:
     """Return the smallest size at which `moves` is true, within `ratio`, by logarithmic bisection from `low` to `high`.
 
-    `moves` is false for a size `ratio` times smaller, unless it is true even for `low`. nan if it is false for `high`.
+    `moves` is false for a size at most `ratio` times smaller, unless it is true even for `low`. nan if it is false for
+    `high`.
     """
     if not moves(high):
         return nan
@@ -120,9 +122,9 @@ def smallest(moves: Callable[[float], bool], low: float, high: float, ratio: flo
 
 
 def motion_beyond(angle: Array, before: int, direction: float) -> float:
-    """Return the motion [rad] beyond the previous range of the angle in a direction (1, -1) after row `before`.
+    """Return how far [rad] an angle moves beyond its previous range in a direction (1, -1) after row `before`.
 
-    The previous range is that of as many rows before: hunting between two counts, for example, is not a response.
+    The previous range is that of at most as many rows up to `before`: hunting between two counts is not a response.
     """
     after = direction * angle[before:]
     idle = direction * angle[max(2 * before - len(angle), 0):before + 1]
@@ -156,8 +158,8 @@ def threshold(rig: Rig) -> Outcome:
                                                             if size <= degrees(lowest)})
 
     return Outcome(
-        f"The fin answers a step of the command if it moves by {degrees(detected):.4f} deg in the step's direction "
-        f"within {WITHIN:g} s farther than without a step: {detected_as}. From rest: at 0 deg, before any motion. "
+        f"The fin answers a step of the command if, within {WITHIN:g} s, it moves {degrees(detected):.4f} deg farther "
+        f"in the step's direction than without a step: {detected_as}. From rest: at 0 deg, before any motion. "
         f"After reversal: the fin moves {moved:g} deg and rests for {HOLD:g} s, then the command steps back. "
         "Increment: the same, but the command steps on. Each size has its own run; bisection ends within "
         f"{100.0 * (RATIO - 1.0):.0f} %. An integral, if the controller has one, answers even smaller commands later.",
@@ -183,7 +185,7 @@ def stepping(rig: Rig) -> Outcome:
             largest = max(largest, degrees(float(np.max(np.abs(excitation.command)))))
     return Outcome(
         f"Reference cases with true angle and speed fed back, run with ticks of at most {1e3 * tick:.3g} ms, as set, "
-        f"and of at most {1e3 * tick / SHORTER:.3g} ms ({_TICK}). The difference shows the error of the stepping in "
-        "these motions with the article's parameters; it says nothing about the equations or about other motions. "
+        f"and of at most {1e3 * tick / SHORTER:.3g} ms ({_TICK}). The difference estimates the error of the stepping "
+        "in these motions with the article's parameters; it says nothing about the equations or about other motions. "
         "Motions that amplify small differences, such as a fin that rattles in a gap, differ by more."
         + f" Commands are clipped to {rig.limit:g} deg." * (largest > rig.limit + 1e-9), groups)

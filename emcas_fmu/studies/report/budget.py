@@ -2,7 +2,7 @@
 
 The actuator without its imperfections (:attr:`.Actuator.imperfections`) holds commands over the range, approached from
 both sides; then again with one imperfection, or with one tolerance at either limit. A term is the largest distance from
-the angle held without. Two terms are errors of the actuator without imperfections: friction is half the difference
+the mean angle held without. Two terms are errors of the actuator without imperfections: friction is half the difference
 between the sides, loop is the distance of their mean from the command.
 """
 
@@ -58,7 +58,10 @@ def imperfections(rig: Rig) -> list[Term]:
 
 
 def limits(rig: Rig) -> dict[str, tuple[float, float]]:
-    """Return the smallest and largest value [SI] of every parameter with a tolerance; either may be the nominal one."""
+    """Return the smallest and largest value [SI] of every parameter with a tolerance; either may be the nominal one.
+
+    The ambient temperature varies over the range in which friction was identified.
+    """
     values, (cases, _) = rig.subject.values, rig.tolerances
     names = dict.fromkeys(name for case in cases for name in case.values if name in values)
     ends = {name: [values[name], *(case.values[name] for case in cases if name in case.values)] for name in names}
@@ -81,7 +84,7 @@ def toleranced(rig: Rig) -> list[Term]:
 
 
 def required(rig: Rig, loaded: bool) -> Requirement | None:
-    """Return the requirement on the error held after the largest step, with or without a load; None without one."""
+    """Return the requirement on the error held after the largest step, with or without a load; otherwise None."""
     held = [r for r in rig.requirements.requirements if r.figure == "held_error" and r.test and r.maximum
             and r.test.kind in EXCITATIONS and EXCITATIONS[r.test.kind].jumps and bool(r.test.torque) is loaded]
     return max(held, key=lambda r: r.test.amplitude if r.test else 0.0, default=None)
@@ -145,8 +148,8 @@ def _measured(rig: Rig, terms: Sequence[Term], load: float) -> dict[str, dict[st
 def _drawn(rig: Rig, load: float) -> Array:
     """Return the largest errors [rad] of drawn samples at drawn commands, an array [load, sample].
 
-    Tolerances, commands and sides of approach have uniform distributions between their limits: nothing else is known of
-    a tolerance (JCGM 100:2008, 4.3.7).
+    Tolerances and commands have uniform distributions between their limits: nothing else is known of a tolerance (JCGM
+    100:2008, 4.3.7). Both sides of approach, and both signs of the load, are equally likely.
     """
     bounds = limits(rig)
     *shares, command, side, sign = hypercube(len(bounds) + 3, SEED, UNITS).T

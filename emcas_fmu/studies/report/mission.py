@@ -55,7 +55,8 @@ def measure(rig: Rig) -> Outcome:
             "Synthetic mission profile: launch (2 s, trim and roll correction), pitch-over (3 s of doublets to half "
             "the range), midcourse (5 s, three sines about a trim), terminal (5 s, steps to 90 % of the range with a "
             "weave at 3 Hz). Commands change by at most 150 deg/s. The hinge moment restores in proportion to the "
-            "command 20 ms earlier; at the end of the range it is 10, 50, 60 and 100 % of the rated load.")
+            "command 20 ms earlier; in the four phases it is 10, 50, 60 and 100 % of the rated load at the end of the "
+            "range.")
     else:
         profile, name, estimate = rig.mission, "file", ""
         method = f"Profile of {profile.title}, {profile.stop:g} s, inputs constant over 1 ms."

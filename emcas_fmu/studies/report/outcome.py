@@ -46,7 +46,8 @@ class Rig:
     def tolerances(self) -> tuple[list[Case], str]:
         """The cases that change only deviations of the actuator as built, and their file.
 
-        The file is that of the requirements, otherwise the actuator's tuning study, whose tolerances are estimates.
+        The file is that of the requirements if it has such cases, otherwise the tuning study of the actuator or, without
+        one, of the default actuator: its tolerances are estimates. The list is empty if both files have none.
         """
         kind = parts(self.subject.model)[0]
         has_study = shipped_file("tuning", kind).stem == kind
@@ -75,7 +76,7 @@ class Rig:
 
 
 class Quantity(NamedTuple):
-    """A figure's name in a result, how it is measured, its label in a table, and the outputs it needs."""
+    """A figure's name in a result, how it is measured, its label in a table, and the outputs that it needs."""
 
     key: str
     how: str
@@ -84,13 +85,13 @@ class Quantity(NamedTuple):
 
 
 def quantity(name: str) -> Quantity:
-    """Return a figure of the bench."""
+    """Return the quantity of a figure of the bench."""
     key, figure = result_name(name)[0], FIGURES[name]
     return Quantity(key, figure.title, _LABELS.get(name, in_words(key)), figure.needs)
 
 
 def quantities(*runs: str) -> tuple[Quantity, ...]:
-    """Return the bench's figures of these kinds of run."""
+    """Return the quantities of the bench's figures of these kinds of run."""
     return tuple(map(quantity, figures_of(*runs)))
 
 

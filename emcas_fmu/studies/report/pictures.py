@@ -29,7 +29,7 @@ def pictures(outcomes: Mapping[str, Outcome], judged: Sequence[Judged]) -> dict[
 
 
 def _drawing(outcome: Outcome, judged: Sequence[Judged]) -> Drawing:
-    """Return the picture of a test; limits in other units than that of the panels' lines are in the caption."""
+    """Return the picture of a test; the caption states limits in units other than that of the view."""
     view = _VIEWS[outcome.name]
     limits = [j for j in judged if not j.skipped and j.figure in view.figures]
     figure, caption = view.plot(outcome, sorted({j.limit for j in limits if j.unit == view.unit}))
@@ -71,7 +71,7 @@ def _bode(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
         ((group.data, tuple(nan if sign else float(group.figures[key]) for key, sign in group.bounds.items()),
           {"color": color, "label": group.label})
          for group, color in zip(outcome.groups.values(), plots.COLORS, strict=False)), limits)
-    return figure, "Fundamental of fin angle over command; the dots mark -3 dB and -90 deg."
+    return figure, "Fundamental of fin angle over command, from sweeps. Dots: -3 dB and -90 deg, from sines."
 
 
 def _slew(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:
@@ -121,7 +121,7 @@ def _budget(outcome: Outcome, _: Sequence[float]) -> tuple[Figure, str]:
     axes.grid(visible=False, axis="y")
     axes.margins(y=0.01)
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-    return figure, "The terms and, below them, their sums; dotted lines are the required values."
+    return figure, "The terms, and below them the sums, samples and the article as set. Dotted lines: required values."
 
 
 def _stiffness(outcome: Outcome, limits: Sequence[float]) -> tuple[Figure, str]:

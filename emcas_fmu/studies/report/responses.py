@@ -1,4 +1,4 @@
-"""Responses to the command: steps of several sizes, sweeps at two amplitudes, slews over the full travel."""
+"""Responses to the command: steps of several sizes, sines and sweeps of two amplitudes, slews over the full travel."""
 
 from __future__ import annotations
 

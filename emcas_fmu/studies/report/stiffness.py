@@ -20,8 +20,8 @@ FREQUENCIES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0) 
 CYCLES = 6.0  # fitted cycles of a sine
 SETTLE = (4.0, 0.5)  # before the fitted cycles: cycles, and at least this time [s]
 RAMP = 5.0  # s, in which the breakaway ramp reaches the rated load
-HELD, WITHIN = 2.0, 1.02  # s, of a moment that breaks the fin away; largest ratio of two moments that enclose it
-LEFT, MOVING = 1.0, 1e-5  # deg and rad, a motion of a fin that broke away: in all, or in the last quarter of the hold
+HELD, WITHIN = 2.0, 1.02  # s, duration of a trial moment; ratio of two trial moments at which bisection ends
+LEFT, MOVING = 1.0, 1e-5  # deg and rad: a fin that moves more, in all or in the last quarter of a trial, broke away
 BELOW, ABOVE = 0.8, 2.0  # unpowered load amplitudes, relative to the smaller and to the larger breakaway moment
 _UNPOWERED = {"enable": False}
 

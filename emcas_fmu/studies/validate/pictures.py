@@ -37,7 +37,7 @@ _SWEEPS = {"chirp_1deg": ("1 deg", plots.BLUE), "chirp_3p5deg": ("3.5 deg", plot
 class View(NamedTuple):
     """A picture of cases over time.
 
-    Each of the `columns` of panels has a window of time [s], and the line properties of its cases by name. `panels` are
+    Each of the `columns` of panels has a window of time [s], and the line properties of each of its cases. `panels` are
     the variables. At most every `dots`-th point of a reference gets a mark; 0: none. In the panel of the fin rate, a
     line is at the limit of the requirement `rate`.
     """
@@ -135,13 +135,11 @@ def _bode(result: Validation, cases: Mapping[tuple[str, str], CaseResult]) -> Dr
     figure = plots.frequency_responses(
         ((curve, curve.bandwidths, look) for curve, look in curves),
         [j.limit for j in result.requirements if j.figure == "bandwidth_3db"])
-    # The jump is real: steady sines of 3.5 deg, with the defaults, lag 81 deg at 13.5 Hz and 105 deg at 14 Hz.
     return Drawing(
         "Frequency response", figure, "Fundamental of fin angle over command, from the sweeps: "
         + "; ".join("{}, -3 dB: {} Hz, -90 deg: {} Hz".format(look["label"], *curve.stated)
                     for curve, look in curves)
-        + ". If a limit of the rate acts, the response may jump to a larger lag; "
-        "the sweep smears such a jump over about 1 Hz.")
+        + ". Where a limit of the rate acts, the lag rises faster with frequency.")
 
 
 def _linear(result: Validation) -> Drawing:
@@ -184,7 +182,7 @@ def _loaded_caption(result: Validation) -> str:
 def _sag_caption(result: Validation) -> str:
     supply = result.cases["sag"].run.excitation.columns["supply_voltage"]
     shipped = result.of_thesis and not result.differences
-    brakes = ", below the back-EMF of the shipped motor at that speed, which then brakes" * shipped
+    brakes = ", below the back-EMF of the motor at the speed of the slew: the motor brakes" * shipped
     return ("A slew from +20 to -20 deg at 350 ms; from 400 to 470 ms the supply drops from "
             f"{supply[0]:.3g} to {np.min(supply):.3g} V{brakes}.")
 

@@ -189,11 +189,11 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
              specification: Specification | None = None) -> Validation:
     """Judge a subject by the reference cases in `directory` (default: the shipped ones) and by requirements.
 
-    References in a `directory` must be of the subject's actuator, shipped references also of its parameters. With
+    References in a `directory` are used if of the subject's actuator, shipped ones if also of its parameters. With
     `inside`, or if the shipped references do not match, trajectories are judged by the references embedded in an FMU.
     Requirements are those of the `specification`, by default the shipped ones. With `names`, only these cases are run
     and no requirement is judged. `progress` is called with the name of the run, the number of finished runs and their
-    total. Raises EmcasError if the validation cannot be carried out; a subject that fails has a result.
+    total. Raises EmcasError if the validation cannot be carried out, but not if the subject fails.
     """
     folder = directory or models_directory() / "reference"
     available, inside = _chosen(subject, names, folder, () if directory and not inside else subject.references, inside)

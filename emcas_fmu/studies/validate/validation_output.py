@@ -77,7 +77,7 @@ def write_junit(result: Validation, path: Path) -> None:
 
 def write_report(result: Validation, path: Path) -> None:
     """Write the page; the same result, command and date give the same bytes."""
-    from ...plotting.plots import pictures  # with Matplotlib, a third of the start of every command
+    from ...plotting.plots import pictures  # imports Matplotlib, which takes a third of a command's start
     from .pictures import drawings
 
     write_page(path, "studies/validate/page.html.j2", [result.about.source], result=result, about=result.about,
