@@ -26,7 +26,7 @@ function drawnFile(points, {kind, file}) {
 }
 
 /** The points, of which a stroke replaces those in its interval of time. Without points, the command is 0 before the
-    stroke, and constant after it until `end` [s]. */
+    stroke; if none is later than the stroke, the command stays constant until `end` [s]. */
 function drawnOver(points, stroke, end) {
     const [[first], [last, level]] = [stroke[0], stroke.at(-1)];
     const [times, angles] = [0, 1].map(k => points.map(point => point[k]));
@@ -59,7 +59,7 @@ class Drawing {
         return this.button.getAttribute("aria-pressed") === "true";
     }
 
-    /** Switches drawing on or off. While drawing is on, the plot includes the largest commands. */
+    /** Switches drawing on or off. While drawing is on, the plot reaches to the command's limits. */
     turn(on) {
         this.button.setAttribute("aria-pressed", String(on));
         this.plot.box.classList.toggle("drawing", on);

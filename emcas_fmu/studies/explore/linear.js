@@ -1,7 +1,7 @@
 /* The actuator linearised at rest at 0, and the margins of its loop broken at the drive's reference: a port of
  * bench/linear, with finite differences of the equations without quantisation. Sampling and delay are exact. */
 
-const DIFFERENCE = 1e-6; // step of differences, times the argument's magnitude above 1; Jacobians are accurate to 1e-7
+const DIFFERENCE = 1e-6; // step of differences, relative to an argument above 1; Jacobians are accurate to 1e-7
 const AT_A_POLE = 1e-6; // distance from a pole z within which a response is not evaluated: bench/linear/frequency.py
 const DECAYS = 1 - 1e-10; // limit of the magnitudes of a stable loop's poles z, as in bench/linear/systems.py
 

@@ -1,5 +1,5 @@
-/* The tests of requirements, a port of bench/measure.py, and their verdicts, a port of bench/verdict.py. SI throughout.
- * The function `respond(excitation, outputs)` returns a run, or null if the run does not reach its end. */
+/* The tests of requirements, a port of bench/measure.py, and their verdicts, a port of bench/verdict.py. SI, unless a
+ * unit is given. The function `respond(excitation, outputs)` returns a run, or null if it does not reach its end. */
 
 /** The excitation of a test, whose columns are lists of [value, count]. The values of constant inputs are shares of the
     setting's values. */
@@ -11,7 +11,7 @@ function testExcitation({begin, stop, columns}, setting) {
     return {time: times(stop), begin, columns: Object.fromEntries(whole)};
 }
 
-/** The figures of a test in each of its directions. */
+/** The figures of a test, in each direction if it has two; none if a run does not reach its end. */
 function measure(test, setting, respond) {
     if (test.kind === "sine") return [bandwidths(test.figures, sines(test.amplitude, 0, respond).at)];
     const runs = test.runs.map(run => respond(testExcitation(run, setting), test.outputs));
@@ -73,7 +73,7 @@ function bandwidths(figures, at) {
 }
 
 /** The frequency [Hz] at which a function `level`, positive at low frequency, first falls to zero, by bisection; the
-    highest of the grid if it stays positive; NaN if it is NaN at a lower frequency. */
+    highest of the grid if it stays positive, the lowest if it is never positive; NaN if it is NaN before. */
 function crossed(level) {
     const {BANDWIDTHS: [lowest, highest], BISECTIONS, GRID} = DATA.constants;
     let low = lowest, high = lowest, there = 1;

@@ -1,6 +1,6 @@
 /* A sketch of the mechanism at one time of the response: the fin, its command, and its drive. */
 
-const PLAYED = 5; // s, for which a shorter response is played in slow motion; longer ones are played in real time
+const PLAYED = 5; // s, duration to which shorter responses are slowed down; longer ones are played in real time
 const REDUCED_MOTION = window.matchMedia("(prefers-reduced-motion: reduce)");
 
 class Mechanism {

@@ -87,7 +87,7 @@ function rest(run) {
 
 const REDUCTIONS = {peak: magnitude, rms, share: column => mean(column.map(x => Number(x > 0.5)))};
 
-/** The usage figures of a run from `begin` [s] on whose outputs the run contains. */
+/** The usage figures of a run from `begin` [s] on; those of outputs that the run does not have are left out. */
 function usage({excitation: {time: rows}, outputs: whole}, begin = 0) {
     const [time, ...columns] = between(begin, Infinity, rows, ...Object.values(whole)), figures = {};
     const outputs = Object.fromEntries(Object.keys(whole).map((name, k) => [name, columns[k]]));

@@ -118,7 +118,7 @@ class Page {
         }
     }
 
-    /** Shows the settings in the page's address. */
+    /** Reads the settings from the page's address and shows them. */
     async restore() {
         if (location.hash === this.hash) return;
         const link = new URLSearchParams(location.hash.slice(1)), notes = [];
@@ -133,7 +133,7 @@ class Page {
         const read = name => {
             const [{values}, unknown] = Setting.parse(link.get(name) ?? "");
             const setting = new Setting(values, files[name]);
-            if (unknown.length) notes.push(`The link sets ${unknown.join(", ")}, unknown to this page: left out.`);
+            if (unknown.length) notes.push(`Left out of the link: ${unknown.join(", ")}, unknown to this page or invalid.`);
             return {setting};
         };
         const kept = link.has("A") ? read("A") : null, live = read("B");

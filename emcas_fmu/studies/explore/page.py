@@ -51,7 +51,7 @@ _LONGEST = 60.0  # s, longest excitation
 _MOST_FIRST = 12  # largest number of parameters with sliders, for an actuator without gains
 _PLANE = ("motor_speed", "motor_torque")
 _HEADLINES = ("rise_time", "settling_time", "overshoot", "held_error", "peak_rate", "peak_current", "energy_drawn")
-_NO_LOOP = f"margins need {capabilities.POSITION_LOOP} and derivatives, which this actuator does not have"
+_NO_LOOP = f"margins need {capabilities.POSITION_LOOP} and derivatives of the states; this actuator does not have both"
 _CONSTANTS = {
     "MOST_ROWS": round(_LONGEST / motions.STEP),  # largest number of steps in a CSV file
     **{name: getattr(measure, name) for name in ("BANDWIDTHS", "GRID", "BISECTIONS", "CYCLES", "FITTED", "TRANSIENT",
@@ -74,7 +74,8 @@ def sources(model: str) -> dict[str, str]:
 def _linear_functions(model: str) -> str:
     """Return the C functions of linear analysis; empty for an actuator without it.
 
-    With `hold` a function reuses the conditions of the previous call: differences do not cross a discontinuity.
+    With `hold` a function reuses the results of comparisons from the previous call, so that finite differences do not
+    cross a discontinuity.
     """
     if not _linear(get(model)):
         return ""

@@ -22,7 +22,7 @@ function nearest(poles, [x, y]) {
 
 /** The `gains`, within their ranges, that bring a pole as near to a target as possible, and the `pole` they reach. The
     method is Gauss-Newton, with steps shortened until the distance falls. `polesAt(gains, keep)` returns the poles;
-    with `keep`, none if the gains must not be set. */
+    with `keep`, none if the gains would destabilise the loop. */
 function placePole(polesAt, gains, ranges, pole, target) {
     const errorOf = at => [0, 1].map(i => target[i] - at[i]);
     for (let k = 0, share = 1; k < 20 && share > 0.02; ++k) {

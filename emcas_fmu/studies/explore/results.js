@@ -27,7 +27,8 @@ function toWords({items, bits}) {
     return bits.length ? flags : undefined;
 }
 
-/** The traces of a response in a panel, in display units: one per output, or one per set flag (bit number), stacked. */
+/** The traces of a response in a panel, in display units: one per output, or stacked, one for each of `flags` (bit
+    numbers). */
 function traces({names, bits, shown: [, factor]}, outputs, flags) {
     if (!bits.length) return names.map(name => ({label: words(name), y: outputs[name].map(x => x / factor)}));
     const word = outputs[names[0]], value = (_, v) => v === null ? "" : v % 1 ? "set" : "clear";
@@ -86,7 +87,7 @@ function drawPlane(plot, actuator, cases) {
         `largest steady torque at rest ${shownNumber(most[100])}`);
 }
 
-/** Fills a table: headings, with a column for each case after the first, and rows, whose first cell is a heading. */
+/** Fills a table with headings (the first, one for each case, the others) and rows, whose first cell is a heading. */
 function fill(table, [first, ...columns], cases, rows) {
     const values = cases.length > 1 ? cases.map(([letter]) => letter === "A" ? "A, kept" : "B, live") : ["value"];
     const heads = [first, ...values, ...columns].map((name, k, all) =>

@@ -126,7 +126,7 @@ async function unpacked(text) {
     return {...fromCsv(rows, title), text: rows, packed: text};
 }
 
-/** Warnings of a command beyond its limit, as Response.warnings in response.py; only a file may be in degrees. */
+/** Warnings of a command beyond its limit, as Response.warnings in response.py; only a file's may be in degrees. */
 function clippingWarnings(setting, {columns: {fin_command: command}}) {
     const {message, rounding, in_degrees: inDegrees, like_degrees: likeDegrees} = DATA.clipping;
     const limit = setting.get("command.limit"), most = command ? magnitude(command) : 0;

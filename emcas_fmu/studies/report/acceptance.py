@@ -166,7 +166,7 @@ def _check_figure(r: Requirement, file: str) -> None:
 
 
 def _of_report(judged: Judged, outcomes: Mapping[str, Outcome], file: str, optional: bool) -> Judged:
-    """Return the verdict on a figure of the report. Raises EmcasError if the figure is missing or yes or no."""
+    """Return the verdict on a figure of the report. Raises EmcasError if it is missing or a Boolean."""
     figures, (test, group, key) = dict(flat_figures(outcomes)), judged.figure.split(".")
     outcome, value = outcomes[test], figures.get(judged.figure)
     if outcome.stopped or key in outcome.not_applicable:

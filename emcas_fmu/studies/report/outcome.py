@@ -46,8 +46,8 @@ class Rig:
     def tolerances(self) -> tuple[list[Case], str]:
         """The cases that change only deviations of the actuator as built, and their file.
 
-        The file is that of the requirements if it has such cases, otherwise the tuning study of the actuator or, without
-        one, of the default actuator: its tolerances are estimates. The list is empty if both files have none.
+        The file is that of the requirements if it has such cases, otherwise the tuning study of the actuator or, if it
+        has none, of the default actuator: its tolerances are estimates. The list is empty if both files have none.
         """
         kind = parts(self.subject.model)[0]
         has_study = shipped_file("tuning", kind).stem == kind
@@ -76,7 +76,7 @@ class Rig:
 
 
 class Quantity(NamedTuple):
-    """A figure's name in a result, how it is measured, its label in a table, and the outputs that it needs."""
+    """A figure's name in a result, how it is measured, its label in a table, and the outputs it needs."""
 
     key: str
     how: str

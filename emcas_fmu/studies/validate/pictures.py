@@ -37,7 +37,7 @@ _SWEEPS = {"chirp_1deg": ("1 deg", plots.BLUE), "chirp_3p5deg": ("3.5 deg", plot
 class View(NamedTuple):
     """A picture of cases over time.
 
-    Each of the `columns` of panels has a window of time [s], and the line properties of each of its cases. `panels` are
+    Each of the `columns` of panels has a window of time [s], and the line properties of its cases by name. `panels` are
     the variables. At most every `dots`-th point of a reference gets a mark; 0: none. In the panel of the fin rate, a
     line is at the limit of the requirement `rate`.
     """
