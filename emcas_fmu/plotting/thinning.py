@@ -29,7 +29,7 @@ def share(values: Column, log: bool, limits: Sequence[float]) -> Column:
 
 
 def thinned(x: Column, y: Column, finite: NDArray[np.bool_]) -> list[int]:
-    """Return the indices of points whose line is within the resolution of that of all (swinging door); x must not fall.
+    """Return the indices of the points that reproduce a line within the resolution (swinging door); x must not fall.
 
     `x` and `y` are shares [1] of the axes. Points outside 0 <= x <= 1 are dropped, except the nearest on each side; if
     no point is inside, all are dropped. Of the points that are not finite, one remains in each gap.

@@ -1,7 +1,7 @@
 /* The fields of the page: those of the main values, with sliders, and a searchable list of all values. */
 
-/** The range of a slider [SI]: the declared one; up to three times a positive value, except in °C or if the limits are
-    at most four times the value apart; between limits at most 400 apart; otherwise null. */
+/** The range of a slider [SI]: the declared one; otherwise up to three times a positive value that is not in °C and
+    below a quarter of the distance of the limits; otherwise the limits, if at most 400 apart; otherwise null. */
 function sliderRange({range, unit, value, minimum, maximum}) {
     if (range) return range;
     if (value > 0 && unit !== "degC" && !(maximum - minimum <= 4 * value)) {

@@ -133,7 +133,8 @@ class Page {
         const read = name => {
             const [{values}, unknown] = Setting.parse(link.get(name) ?? "");
             const setting = new Setting(values, files[name]);
-            if (unknown.length) notes.push(`Left out of the link: ${unknown.join(", ")}, unknown to this page or invalid.`);
+            const names = unknown.join(", ");
+            if (names) notes.push(`Left out of the link: ${names}, unknown to this page or invalid.`);
             return {setting};
         };
         const kept = link.has("A") ? read("A") : null, live = read("B");

@@ -10,7 +10,7 @@ function axis(label, size) {
     return {...AXIS, label, size, labelSize: 18, values};
 }
 
-/** Paints a line across the plot at a value of the scale x or y, with a text at its end; `below` applies to y. */
+/** Paints a line across the plot at a value of the scale x or y, with a text at its end; `below` a line at y. */
 function rule(u, scale, value, text, below = false) {
     paint(u, (ctx, x, y, frame) => {
         const {left, top, width, height} = frame, level = scale === "y", at = level ? y(value) : x(value);

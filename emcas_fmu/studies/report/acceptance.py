@@ -46,6 +46,7 @@ TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome], tuple[Quantity, ...]]] 
     "mission": ("Mission profile", mission.measure, mission.QUANTITIES),
     "stepping": ("Accuracy of the stepping", accuracy.stepping, accuracy.STEPPING),
 }
+"""The tests by name: title, function that carries it out, and quantities that it may measure."""
 
 
 @dataclass(frozen=True)

@@ -33,12 +33,12 @@ from .outcome import FigureGroup, Outcome, Quantity, Rig
 
 TARGETS = 5  # commands over the range
 BEFORE = 1.0  # s, of the hold from which a command is approached
-UNITS = 200  # samples of the Monte Carlo simulation, each held once without load and once with it
+UNITS = 200  # samples of the Monte Carlo simulation, each run once without load and once with it
 SEED = 1  # of these samples
 QUANTILES = (95, 99)  # %, of the samples
 _TEMPERATURE, _RANGE = "friction.temperature", ("friction.identified_from", "friction.identified_to")
 QUANTITIES = (Quantity("unloaded_deg", "without load", "unloaded"),
-              Quantity("loaded_deg", "in either direction", "loaded"))
+              Quantity("loaded_deg", "with the load, the larger of both directions", "loaded"))
 
 
 class Term(NamedTuple):
