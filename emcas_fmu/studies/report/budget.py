@@ -38,7 +38,7 @@ SEED = 1  # of these samples
 QUANTILES = (95, 99)  # %, of the samples
 _TEMPERATURE, _RANGE = "friction.temperature", ("friction.identified_from", "friction.identified_to")
 QUANTITIES = (Quantity("unloaded_deg", "without load", "unloaded"),
-              Quantity("loaded_deg", "with the load, the larger of both directions", "loaded"))
+              Quantity("loaded_deg", "in either direction", "loaded"))
 
 
 class Term(NamedTuple):
