@@ -182,7 +182,7 @@ def _loaded_caption(result: Validation) -> str:
 def _sag_caption(result: Validation) -> str:
     supply = result.cases["sag"].run.excitation.columns["supply_voltage"]
     shipped = result.of_thesis and not result.differences
-    brakes = ", below the back-EMF of the motor at the speed of the slew: the motor brakes" * shipped
+    brakes = ", below the back-EMF of the motor at the speed of the slew: it brakes at first" * shipped
     return ("A slew from +20 to -20 deg at 350 ms; from 400 to 470 ms the supply drops from "
             f"{supply[0]:.3g} to {np.min(supply):.3g} V{brakes}.")
 
