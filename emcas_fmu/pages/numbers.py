@@ -25,7 +25,7 @@ def number(value: float | bool | None) -> str:
         return "–"
     if not isfinite(value):
         return "not reached" if value > 0.0 else "-∞"
-    return rounded(value, ".0f" if abs(value) >= 1e4 else ".4g")
+    return rounded(value, ".0f" if abs(value) >= 9999.5 else ".4g")
 
 
 def beside(value: float | bool | None, limit: float) -> str:

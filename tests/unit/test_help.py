@@ -100,6 +100,7 @@ def test_zero_is_printed_without_sign(value: float, form: str) -> None:
 def test_missing_numbers_are_shown_as_words_or_dashes() -> None:
     assert [rounded(x, ".3g") for x in (inf, -inf, nan)] == ["–"] * 3
     assert [number(x) for x in (-0.0, -1e-5, inf, nan, None)] == ["0", "-1e-05", "not reached", "–", "–"]
+    assert [number(x) for x in (9999.4, 9999.5, -9999.6, 12345.6)] == ["9999", "10000", "-10000", "12346"]
 
 
 def test_step_that_does_not_settle_names_the_waiting_time(tmp_path: Path) -> None:

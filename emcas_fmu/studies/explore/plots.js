@@ -238,5 +238,5 @@ function drawBode(plots, levels, responses, text, required) {
 function shownNumber(x) {
     if (x === null || Number.isNaN(x)) return "–";
     if (!Number.isFinite(x)) return "not reached";
-    return (Math.abs(x) >= 1e4 ? x.toFixed(0) : general(x, 4)).replace("-", "−");
+    return (Math.abs(x) >= 9999.5 ? x.toFixed(0) : general(x, 4)).replace("-", "−");
 }
