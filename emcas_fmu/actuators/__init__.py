@@ -60,7 +60,8 @@ def split(name: str) -> tuple[str, list[str]]:
 def parts(name: str) -> tuple[str, tuple[str, ...]]:
     """Return the actuator and the extensions in a name such as ``elastic+faults+heat``, in the order of EXTENSIONS.
 
-    Raises EmcasError for an unknown actuator or extension, and for an extension that appears twice.
+    A file becomes its absolute path. Raises EmcasError for an unknown actuator or extension, and for an extension that
+    appears twice; whether a file exists is not checked.
     """
     actuator, extensions = split(name)
     if actuator in EXTENSIONS:
@@ -104,16 +105,13 @@ def is_named(text: str) -> bool:
 
 
 def full_name(name: str) -> str:
-    """Return the unambiguous name of a model: a file's absolute path, extensions in the order of EXTENSIONS.
-
-    Raises EmcasError for an unknown name.
-    """
+    """Return the unambiguous name of a model, its :func:`parts` joined by +. Raises EmcasError as :func:`parts`."""
     actuator, extensions = parts(name)
     return _SEPARATOR.join((actuator, *extensions))
 
 
 def with_extension(name: str, extension: str) -> str:
-    """Return the full name of an actuator with an additional extension. Raises EmcasError for an unknown name."""
+    """Return the full name of a model with an additional extension. Raises EmcasError as :func:`parts`."""
     return full_name(_SEPARATOR.join((name, extension)))
 
 
@@ -130,7 +128,10 @@ def of_fmu(name: str, part: str | None, interface: str) -> str:
 
 @checked
 def get(name: str) -> Actuator:
-    """Return the actuator with a name, whose extensions may be in any order. Raises EmcasError for an unknown name."""
+    """Return the actuator with a name, whose extensions may be in any order.
+
+    Raises EmcasError as :func:`parts`, for a file that cannot be used, and if an extension needs a missing capability.
+    """
     return _get(*parts(name))
 
 
@@ -214,7 +215,7 @@ def extension_inputs(name: str) -> dict[str, frozenset[str]]:
 
 
 def default_files(name: str) -> tuple[Path, ...]:
-    """Return the parameter files with an actuator's defaults; later files override earlier ones.
+    """Return the files of a model's defaults, without ``models/emcas.toml``; later files override earlier ones.
 
     Raises EmcasError for an unknown name.
     """

@@ -54,7 +54,7 @@ ENCODER, OFFSET, COMPLIANCE, BACKLASH = IMPERFECTIONS = ("encoder", "drive offse
 
 
 def plant(*deviations: Deviation) -> Callable[[Ops, Any], Any]:
-    """Return the function of (ops, p) that applies the deviations to the nominal parameters and sets them to 0."""
+    """Return the function of (ops, p) that returns nominal parameters as built, with the deviations set to 0."""
     def as_built(_: Ops, p: Any) -> Any:
         changes: dict[str, Any] = {}
         for variable, scales, shifts in deviations:

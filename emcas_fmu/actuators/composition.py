@@ -1,4 +1,7 @@
-"""Groups of parameters, rules, outputs and capabilities, from which actuators are composed."""
+"""Groups of parameters, rules, outputs and capabilities, from which actuators are composed.
+
+A *moment* is an instant, not a torque: a record of the values at it, from which the outputs are computed.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ Change = Callable[[Ops, Any], Any]
 
 
 class Output(NamedTuple):
-    """An output and its equation, a function of ops, the parameters as built and :attr:`Composition.moment`.
+    """An output and its equation, a function of ops and of the results of :attr:`Composition.moment`.
 
     Without an equation the output is the value of its name in the moment or, if the moment has none, the state.
     """
@@ -29,7 +32,7 @@ class Output(NamedTuple):
     value: fin_port.Equation | None = None
 
     def of(self, ops: Ops, p: Any, now: Record) -> Value:
-        """Return the output's value at a moment."""
+        """Return the output's value [SI] at the moment `now`, for parameters `p` as built."""
         if self.value is not None:
             return self.value(ops, p, now)
         name = self.variable.name
@@ -94,8 +97,8 @@ class Composition:
     """The groups of an actuator, and the function that computes the values from which their outputs follow.
 
     `moment(ops, p, x, u)` returns the parameters as built, and the values that the equations of the outputs use, at
-    states `x` and plant inputs `u`. The orders are prefixes of names. Variables that match none come last, in the order
-    of the groups, and deviations after the other parameters. Rules are in the order of the groups.
+    states `x` and plant inputs `u`. The orders are prefixes of names: variables are sorted by them, those that match
+    none come last. Variables of one prefix, and rules, are in the order of the groups, deviations after parameters.
     """
 
     groups: tuple[Group, ...]

@@ -16,9 +16,9 @@ The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``,
 
 ``x`` has the states by name, ``u`` the inputs of the plant, which are constant during a step (:class:`PlantInputs`).
 The functions return a mapping of names to values. `sample` must return ``reference``, `derivatives` without a `step`
-every state. Other values may be left out. States then do not change (in `initial` they are 0), ``measured_fin_angle``
-is the position that the sample read, and ``limited`` is 0. Results depend on the arguments alone: functions in a user's
-file are traced twice, and both results are compared.
+every state. A state that another function leaves out does not change; one that `initial` leaves out is 0, fin_angle the
+start angle. If `sample` leaves them out, ``measured_fin_angle`` is the position that it read, and ``limited`` is 0.
+Results depend on the arguments alone: functions in a user's file are traced twice, and both results are compared.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def _with_port(output_values: Callable[..., Values]) -> Callable[..., Values]:
 
 
 def _rounded_up(limit: float) -> float:
-    """Return a positive limit, rounded up to four digits."""
+    """Return a positive limit, rounded up to four significant digits."""
     unit = 10.0 ** (floor(log10(limit)) - 3)
     return float(f"{ceil(limit / unit) * unit:.4g}")
 
@@ -96,7 +96,7 @@ class Actuator:
       ``sampled_states``: set by samples, used by all equations
     - ``encoder``: the states of angle and speed that the sensors read; ``fin_side``: the states of the fin's angle and
       speed, referred to the motor, behind an elastic drive line; an encoder on the fin (encoder.on_fin) reads the angle
-    - ``controllers_read``: the states that samples read in addition to the position, and "supply"; None: every state
+    - ``controllers_read``: names that samples read in addition to the position: states, or "supply"; None: all of them
     - ``reference_output``: name of the output that is the reference of the last sample
     - ``outputs``, ``parameters``: in the order of the interface; unless listed, those of the port come first, the
       supply's power last
@@ -105,7 +105,7 @@ class Actuator:
       by name, which replace those of the port and the supply
     - ``rules``: rules in addition to the port's; ``supply_rules``: warnings that need start values of inputs, checked
       when a set of parameters is loaded
-    - ``equal_parameters``: pairs of parameters that are equal in SI units: one follows from the other
+    - ``equal_parameters``: pairs of parameters that are equal in SI units: if a file sets only one, the other follows
     - ``files``: parameter files with the defaults, later ones override earlier ones; ``values``: defaults by name,
       which the files override, each in the form of a file: "0.5 mH", or a mapping of value, unit, source and note; a
       value without source is an estimate
@@ -116,13 +116,13 @@ class Actuator:
       deviations for which both are equal
     - ``imperfections``: of the held fin angle, such as "backlash"; for each the values [SI] of parameters without it
     - ``longest_tick(ops, p)``: largest internal tick [s]; ``tick_remedy``: how a user makes it longer;
-      ``transport_delay(ops, p)``: time [s] from a sample to the drive
+      ``transport_delay(ops, p)``: time [s] from a sample to the drive; None: 0
     - ``feed_forward(ops, p, motion, memory)``: the feed-forward of a motion of the fin (:class:`Motion`, :class:`Ahead`
       of :mod:`emcas_fmu.control.trajectory`), its memory after a sample, and the time [s] after which a reference acts
     - ``faults``: faults of this actuator, which the extension `faults` offers in addition to the general faults
     - ``provides``: capabilities that extensions and tools need (:mod:`emcas_fmu.actuators.capabilities`)
     - ``reference``: an independent integration: a Python file or a module's name, with `simulate(parameters, inputs)`
-    - ``without_effect``: inputs that do not change the fin's motion; tests that need them are not judged
+    - ``without_effect``: inputs that do not change the fin's motion; requirements that need them are not judged
     - ``hidden``: inputs of the port that a half, or an actuator with the torque interface, lacks; such an
       actuator may also lack outputs of the port
     - ``modules``: modules whose docstrings describe the equations; ``source``: the user's file; ``begun(ops, p, x,
@@ -333,14 +333,14 @@ class Actuator:
     def commanded(self, ops: Ops, p: Parameters, x: Record, inputs: SampleInputs) -> dict[str, Value]:
         """Return the results of :meth:`sampled`, in SI, for the command that the bus delivers, and the bus's states.
 
-        `inputs.command` [rad] is that before the bus (:mod:`emcas_fmu.control.command_bus`).
+        `inputs.command` [rad] is the command before the bus (:mod:`emcas_fmu.control.command_bus`).
         """
         names = command_bus.STATES
         command, *after = command_bus.delivered(ops, p, inputs.command, *(getattr(x, name) for name in names))
         return {**self.sampled(ops, p, x, inputs.replace(command=command)), **dict(zip(names, after, strict=True))}
 
     def sampled(self, ops: Ops, p: Parameters, x: Record, inputs: SampleInputs) -> dict[str, Value]:
-        """Return the results of a sample by name, in SI; `inputs.command` [rad] is that after the bus.
+        """Return the results of a sample by name, in SI; `inputs.command` [rad] is the command after the bus.
 
         The results are ``reference``, ``measured_fin_angle``, ``limited``, controller states and sampled states.
         """

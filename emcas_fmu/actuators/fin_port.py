@@ -1,7 +1,7 @@
 """The fin port: the interface of every actuator to a flight simulation, so that actuators are interchangeable.
 
 Inputs are command, hinge moment, vehicle motion and enable; outputs are angle, rate, moment, error and flags; the
-parameters are limits of command and travel, masses and inertias, sampling.
+parameters are limits of command and travel, masses and inertias, mounting, delay of the command, sampling and tick.
 """
 
 from __future__ import annotations
@@ -173,8 +173,8 @@ def mixed_command(ops: Ops, p: Any, command: Value, roll: Value, pitch: Value, y
     """Return the command [rad] of one of several fins, with its share of the mixing inputs.
 
     A positive deflection of a panel at mounting.azimuth turns its leading edge up, seen with the hinge pointing to the
-    right. Behind the centre of mass its lift causes negative moments about the body axes, in proportion
-    1 : cos(azimuth) : sin(azimuth). Positive mixing inputs therefore command positive moments.
+    right. Behind the centre of mass its lift causes negative moments about the body axes x, y and z: the lift times its
+    arm and 1, cos(azimuth), sin(azimuth). Positive mixing inputs therefore command positive moments.
     """
     azimuth = p.mounting.azimuth
     return command - (roll + pitch * ops.cos(azimuth) + yaw * ops.sin(azimuth))
@@ -233,7 +233,7 @@ RULES = (_travel, _room, _start, _latency)
 
 
 def schedule_rules(tick: Any, delay: Any, tick_remedy: str) -> tuple[Rule, ...]:
-    """Return the rules for the sample time; `tick` and `delay` return the longest tick and the transport delay [s].
+    """Return the rules for delay and ticks in a sample time; `tick` and `delay` return longest tick and delay [s].
 
     `delay` is None for an actuator without a delay; `tick_remedy` says how a user makes the tick longer.
     """

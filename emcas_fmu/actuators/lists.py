@@ -17,7 +17,7 @@ _ARGUMENTS = {"sample": "ops, p, x, inputs", "derivatives": "ops, p, x, u", "ste
 def check_lists(actuator: Any) -> None:
     """Raise EmcasError if a list of a declaration is a single entry, or has a list as an entry.
 
-    A comma was forgotten, or a * before a tuple such as FIN or an array of parameters. Entries may be named tuples.
+    Such a list lacks a comma, or a * before a tuple such as FIN or an array of parameters. Entries may be named tuples.
     """
     for field in fields(actuator):
         annotation, entries = str(field.type), getattr(actuator, field.name)

@@ -26,7 +26,7 @@ class PlantFault:
     `changes(ops, p, amounts)` returns the plant's parameters that change while the fault is active, by their dotted
     names, arrays as tuples. `p` contains the changes by active faults declared before this one; ``amounts.X`` is the
     parameter ``fault.NAME.X``. A `lasting` fault stays active until reset; if it `grows`, its amounts do not fall
-    before. A fault with the name of a general fault replaces the general fault. Raises EmcasError for a name that a
+    until then. A fault with the name of a general fault replaces the general fault. Raises EmcasError for a name that a
     parameter cannot have.
     """
 

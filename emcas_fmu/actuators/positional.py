@@ -102,8 +102,8 @@ def complete(function: Callable[..., Any], values: Any, names: Iterable[str], op
              ) -> Mapping[str, Value]:
     """Return `values`, the result of `function`.
 
-    Raises EmcasError with the function's location if a number for one of `names` is missing, or if there is another
-    name than these and the `optional` ones.
+    Raises EmcasError with the function's location unless they are a mapping of names to numbers that has all `names`
+    and no others than these and the `optional` ones.
     """
     if not isinstance(values, Mapping):
         raise EmcasError(f"{location(function)} returns {type(values).__name__}; return a mapping of names to values")

@@ -2,9 +2,9 @@
 
     d2(delta)/dt2 = w_n^2 (delta_c - delta) - 2 zeta w_n d(delta)/dt        |d(delta)/dt| <= r    |delta| <= stop
 
-No load moves the fin. Between the limits the solution is exact; at the rate limit the fin moves at that rate until the
-linear equation slows it down, and a stop brings it to rest. The command is sampled, and delayed by
-``drive.transport_delay``.
+delta is the fin angle, delta_c the command, sampled and delayed by ``drive.transport_delay``, r the rate limit. No load
+moves the fin. Between the limits the solution is exact; at the rate limit the fin moves at that rate until the linear
+equation slows it down, and a stop brings it to rest.
 """
 
 from __future__ import annotations
@@ -50,15 +50,15 @@ def _free(ops: Ops, p: Any, angle: Value, rate: Value, target: Value, h: Value) 
     root = w * ops.sqrt(ops.fabs(split))
     decay = ops.exp(-zeta * w * h)
 
-    def oscillating() -> tuple[Value, ...]:
+    def underdamped() -> tuple[Value, ...]:
         return decay * ops.cos(root * h), decay * ops.sin(root * h) / root
 
-    def creeping() -> tuple[Value, ...]:
+    def overdamped() -> tuple[Value, ...]:
         # Two exponentials, since the hyperbolic functions of root * h would overflow.
         slow, fast = ops.exp((root - zeta * w) * h), ops.exp(-(root + zeta * w) * h)
         return 0.5 * (slow + fast), 0.5 * (slow - fast) / root
 
-    c, s = ops.branch(split > 0.0, oscillating, creeping)
+    c, s = ops.branch(split > 0.0, underdamped, overdamped)
     return target + c * x + s * (rate + zeta * w * x), c * rate - s * (zeta * w * rate + w * w * x)
 
 

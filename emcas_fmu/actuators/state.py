@@ -14,7 +14,7 @@ from ..namespace import Record
 class State:
     """A state with its name, a Python identifier in ASCII, and its unit. Raises EmcasError for another name.
 
-    `start` is the value of a sampled state in a plant without controllers, until a host sets it.
+    `start` is the value of a sampled state in the plant half, until a host sets it.
     """
 
     name: str
@@ -37,14 +37,14 @@ FIN = (State("fin_angle", "rad"), State("fin_rate", "rad/s"))
 class PlantInputs(Record):
     """Inputs of the plant, ``u``, by name, in SI; constant during a step.
 
-    - ``reference``: the reference of the controllers that has arrived at the drive, after the transport delay
+    - ``reference``: the controllers' reference at the drive, after the transport delay, in its actuator's unit
     - ``aero_torque`` [N.m]
-    - the vehicle's motion in the fin's axes (:class:`emcas_fmu.physics.loads.MotionLoads`): specific force at the hinge
-      ``f_x``, ``f_z`` [m/s2]; products of its rates ``wx2_wz2``, ``wx_wz`` [rad2/s2]; angular acceleration about the
-      screw and the hinge ``alpha_x``, ``alpha_y`` [rad/s2]
+    - the vehicle's motion in the fin's axes (:class:`emcas_fmu.physics.loads.MotionLoads`): gravity minus acceleration
+      at the hinge ``f_x``, ``f_z`` [m/s2]; angular rates W as ``wx2_wz2``, W_x^2 - W_z^2, and ``wx_wz``, W_x W_z
+      [rad2/s2]; angular acceleration about the screw and the hinge ``alpha_x``, ``alpha_y`` [rad/s2]
     - ``supply`` [V or Pa], ``enabled``, the actuator's additional Real inputs and its sampled states
     - ``rated_current_limit`` [A]: the drive's current limit without a fault; None if it is drive.current_limit
-    - the values of discontinuities, by their names
+    - the values of the actuator's discontinuities, by their names (:mod:`emcas_fmu.steppers.discontinuities`)
 
     `output_values` also gets ``command`` [rad] and, of the last sample, ``sampled_reference``, ``measured_fin_angle``
     [rad] and ``limited``, above 0 if a limit was active.

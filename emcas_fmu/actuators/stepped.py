@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .declaration import Actuator
 
 BEGUN = "begun"
-"""Name of a state that is 0 until the first step; actuators have it whose initial values use inputs."""
+"""State of an actuator whose initial values use inputs: 0 before the first step, then 1."""
 _INPUTS = ("reference", *LOADS, "supply", "enabled", "rated_current_limit", "command", "sampled_reference",
            "measured_fin_angle", "limited")
 _FIN_STOP = Stop("fin_angle", "fin_rate", "fin.stop_angle")
@@ -32,7 +32,7 @@ def fields(actuator: Actuator) -> dict[str, Any]:
     """Return the fields to replace: step, derivatives without discontinuities, and outputs completed by the port's.
 
     If initial values use inputs, all functions that read states are replaced. Raises EmcasError for an actuator without
-    derivatives, or with discontinuities of states or parameters that it does not have.
+    derivatives, and for a discontinuity whose state, parameter, function or name does not fit the actuator.
     """
     if actuator.derivatives is None:
         raise EmcasError(f"actuator {actuator.name}: has neither a step nor derivatives; declare derivatives")

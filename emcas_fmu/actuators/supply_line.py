@@ -42,7 +42,7 @@ class SupplyLine:
     values: Mapping[str, float]  # defaults of the parameters
     states: tuple[str, ...]
     start: Callable[[Ops, Any], tuple[Value, ...]]  # start values of the states, from the parameters of the group
-    sags: bool  # whether the level is the source's minus the first state, and follows a ramp of the source
+    sags: bool  # whether the first state is a sag below the source, also while the source ramps
     level: Callable[..., Value]
     following: Callable[[Ops, Any, Value, Sequence[Value], Value, Value, Value], tuple[Value, ...]]
     equations: ModuleType
@@ -101,7 +101,7 @@ BUS = SupplyLine(
                   "voltage of the DC link above which its brake chopper conducts (1e5: never)"),
         parameter("bus.chopper_resistance", "Ohm", 1e-3, 1e6, "resistance of the brake chopper"),
         parameter("bus.update_time", "s", 1e-5, 1e-2, "interval between two updates of the bus voltage", display="ms")),
-    # 0 and, of the chopper, 1e5 V leave a component out; the other values are estimates.
+    # A value of 0, for the chopper_voltage 1e5 V, leaves the component out; the other values are estimates.
     values={"bus.source_resistance": 0.0, "bus.charge": 0.0, "bus.charge_used": 0.0, "bus.polarisation": 0.5,
             "bus.capacitance": 0.0, "bus.chopper_voltage": 1e5, "bus.chopper_resistance": 1.0, "bus.update_time": 1e-4},
     states=("sag", "link", "drawn"),

@@ -20,9 +20,10 @@ from .entries import ParameterError
 
 
 def check_parameters(values: Mapping[str, Any], model: str = NONLINEAR) -> list[str]:
-    """Return messages about missing or unknown names, limits and broken rules; `values` are by name, in SI units.
+    """Return messages about parameter `values`, by name in the variables' units; the list is empty if all are sound.
 
-    Raises EmcasError for an unknown model.
+    Limits are checked if no name is missing or unknown, rules if all values are within their limits. Raises EmcasError
+    for an unknown model, and if a rule in a user's file fails.
     """
     actuator = get(model)
     known = {v.name for v in actuator.file_entries}
@@ -41,7 +42,7 @@ def require_sound(values: Mapping[str, Any], model: str = NONLINEAR) -> None:
 
 
 def check_combinations(values: Mapping[str, Any], actuator: Actuator, warnings: bool = False) -> list[str]:
-    """Return the messages of :func:`broken_rules`."""
+    """Return the messages of :func:`broken_rules`, with the same arguments and errors."""
     return list(broken_rules(values, actuator, warnings).values())
 
 
@@ -74,7 +75,7 @@ def _bound(rule: Rule, p: Any) -> Check:
     try:
         with np.errstate(all="ignore"):  # shares where the result is not a number are left out
             broken = np.broadcast_to(rule.check(ARRAYS, p, shares)[0], shares.shape)
-    except Exception:  # a user's rule that cannot be traced: tracing raises the error  # noqa: BLE001
+    except Exception:  # a user's rule that fails with arrays: it is scanned with numbers  # noqa: BLE001
         return each
     worst = SHARES[int(np.argmax(np.where(np.isnan(broken), -inf, broken)))]
     return lambda _: rule.check(FLOATS, p, worst), rule.message, False, rule.warning

@@ -181,7 +181,7 @@ def _value(variable: Variable, fields: Mapping[str, Any]) -> Scalar:
 
 
 def in_variables_unit(name: str, value: object, model: str) -> object:
-    """Return a value in the variable's unit, passed by a program, as a parameter file would contain it."""
+    """Return a program's value in a parameter file's form: a number as text with the unit of the variable `name`."""
     if isinstance(value, (list, tuple)):
         return [in_variables_unit(f"{name}[{i}]", element, model) for i, element in enumerate(value)]
     if isinstance(value, bool) or not isinstance(value, Real):

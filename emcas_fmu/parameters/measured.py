@@ -11,7 +11,7 @@ _RECORD = re.compile(r"^# Record (.+), SHA-256 ([0-9a-f]{64})(?:: (.*))?$", re.M
 class MeasuredRecord(NamedTuple):
     """A record from which values in the parameter file `file` were identified, or with which they were compared.
 
-    `use` names this use and the error of the simulation; it is empty if the comment does not.
+    `use` is the rest of the comment, usually this use and the error of the simulation; empty if there is none.
     """
 
     file: str

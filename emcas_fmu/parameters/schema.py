@@ -114,7 +114,8 @@ def leaves(table: Mapping[str, Any], is_group: Callable[[str, Mapping[str, Any]]
 def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
     """Return the entries of a table, or of pairs of name and entry, each converted by `read(name, entry)`.
 
-    Raises ValidationError with the problems of all entries, each with the entry's name; ValueError if it is no table.
+    Raises ValidationError with the problems, at most about MOST_PROBLEMS, each with its entry's name; ValueError if it
+    is no table.
     """
     if isinstance(entries, Mapping):
         entries = entries.items()
@@ -167,9 +168,9 @@ class In:
     type: str = "Real"
 
     def number(self, written: Any, unit: str = "") -> Any:
-        """Return the value of an entry in this format's unit, without checking limits. Raises ValueError.
+        """Return the value of an entry in this format's unit. Raises ValueError for another quantity or type.
 
-        `unit` is the unit of the entry if its text contains none.
+        `unit` is the unit of the entry if its text contains none. Limits are not checked.
         """
         if self.type == "Boolean":
             if not isinstance(written, bool):

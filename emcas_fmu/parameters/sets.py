@@ -179,7 +179,8 @@ def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base
     extensions. Some parameters, such as torque and back-EMF constant, are equal in SI units: if a file sets only one of
     them, the other follows.
 
-    Raises ParameterError with all problems of a file, FileNotFoundError if the default set is missing.
+    Raises ParameterError with all problems of a file, EmcasError for an unknown model, FileNotFoundError if
+    ``models/emcas.toml`` is missing.
     """
     chosen = base if base is not None else _defaults(full_name(model))
     for name in [files] if isinstance(files, (str, Path)) else files or ():
@@ -355,9 +356,9 @@ def _apart(one: Entry, other: Entry) -> str:
 
 
 def write_parameters(parameters: ParameterSet, path: Path, comments: Iterable[str]) -> None:
-    """Write a parameter file: `comments`, then all values that differ from the model's default set.
+    """Write a parameter file: `comments`, then the entries that differ from the model's default set.
 
-    More comments name the records of identified values. Values are in the variables' units, with source and note.
+    Further comments name the records of identified values. Values are in the variables' units, with source and note.
     Loading the file gives the same set. Raises EmcasError if the file cannot be written.
     """
     shipped = {e.variable.name: e for e in load_parameters(model=parameters.model).entries}

@@ -22,7 +22,7 @@ def literal(written: Any) -> str:
         return f"{{ {', '.join(entry(*each) for each in written.items())} }}"
     if isinstance(written, (list, tuple)):
         return f"[{', '.join(map(literal, written))}]"
-    if isinstance(written, str):  # as in JSON, but with DEL escaped; UTF-8 has no half surrogate pairs
+    if isinstance(written, str):  # as in JSON, but with DEL escaped; UTF-8 has no lone surrogates
         text = json.dumps(written.encode(errors="replace").decode(), ensure_ascii=False)
         return text.replace("\x7f", "\\u007f")
     return json.dumps(written)

@@ -4,14 +4,17 @@
     F_1 = C_1 sgn(m - w)       F_2 = -C_2 sgn(m + w)        i_m = max(V - K_e m, 0)/R
     i_1,ref = I_b + max(i_ref, 0)                            i_2,ref = I_b + max(-i_ref, 0)
 
-One clutch turns the screw with the motor, the other, through a gear, against it. The reference of the loops of
-:mod:`emcas_fmu.control.controllers` is a net coil current, K_v u within +-I_max: for the loops the slipping clutches
-are a motor with a constant torque per ampere. A bias I_b in both coils keeps their magnets out of the dead band. The
-motor is fed by the supply through a diode, without control and inductance. Rotor and screw are two bodies with four dry
-frictions (:mod:`emcas_fmu.physics.coupled`), two of them the clutches: a clutch slips, or is locked and both speeds are
-equal to the bit. Without `enable` both coils are off, and the motor keeps turning: loads and friction move the fin, and
-the residual torques of the clutches cancel. No power returns to the supply: the motor's diode blocks its current, and
-suppressors dissipate the coils' energy.
+w and m are the speeds of screw and motor, with inertia J, dry friction C and viscous friction b each (s, m); F_k is the
+torque of clutch k on the screw while it slips, C_k its capacity (:mod:`emcas_fmu.physics.clutch`), T the external
+moment about the hinge, n the ratio. Clutch 1 turns the screw with the motor, clutch 2, through a gear, against it. The
+reference u of the loops of :mod:`emcas_fmu.control.controllers` is a net coil current i_ref, drive.current_gain times u
+plus drive.current_offset within +-drive.current_limit: for the loops the slipping clutches are a motor with a constant
+torque per ampere. The bias I_b in both coils avoids a dead band of the torque. The supply feeds the motor through a
+diode, without control and inductance. Rotor and screw are two bodies with four dry frictions
+(:mod:`emcas_fmu.physics.coupled`), two of them the clutches: a clutch slips, or is locked, with w = m or w = -m to the
+bit. Without `enable` both coils are off, and the motor keeps turning: only loads, friction and the clutches' residual
+torques act on the screw. No power returns to the supply: the motor's diode blocks its current, and suppressors
+dissipate the coils' energy.
 
 Events (:mod:`emcas_fmu.steppers.events`): a clutch locks or slips, screw or motor comes to rest or starts, the fin
 meets a stop, a coil's amplifier reaches or leaves a limit, the motor's diode opens or closes.
@@ -115,8 +118,8 @@ def _surplus(ops: Ops, p: Any, speed: Value, u: PlantInputs) -> Value:
 def _bodies(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Bodies:
     """Return screw and rotor as two bodies in a mode."""
     c = m.mechanics
-    wet = ops.where(x.screw_speed > 0.0, m.wet[0], m.wet[1])
-    screw = c.load - wet * x.screw_speed + c.centrifugal * x.screw_speed * x.screw_speed
+    viscous = ops.where(x.screw_speed > 0.0, m.viscous[0], m.viscous[1])
+    screw = c.load - viscous * x.screw_speed + c.centrifugal * x.screw_speed * x.screw_speed
     current = ops.where(m.feeds, _surplus(ops, p, x.motor_speed, u) / p.motor.resistance, 0.0)
     motor = drive.torque(p, current) - p.motor.viscous_friction * x.motor_speed
     share_at_temperature = clutch.share_at(ops, p, x.clutch_temperature)
@@ -133,8 +136,8 @@ def _surroundings(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value) -> 
     low, high = rigid.stops(ops, p)
     dry = Dry(ops.where(x.screw_angle >= high, WALL, mechanics.breakaway(ops, p, c, 1.0)),
               ops.where(x.screw_angle <= low, WALL, mechanics.breakaway(ops, p, c, -1.0)))
-    wet = tuple(mechanics.damping(ops, p, c, direction) for direction in (1.0, -1.0))
-    return Record(mechanics=c, dry=dry, wet=wet, stops=(low, high), coils=_coils(ops, p, x, u),
+    viscous = tuple(mechanics.damping(ops, p, c, direction) for direction in (1.0, -1.0))
+    return Record(mechanics=c, dry=dry, viscous=viscous, stops=(low, high), coils=_coils(ops, p, x, u),
                   feeds=_surplus(ops, p, x.motor_speed, u) > 0.0,
                   signs=(0.0,) * len(coupled.NAMES))
 
@@ -166,13 +169,14 @@ def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
     """Return d/dt of the states with slipping clutches, amplifiers within their limits and a constant temperature.
 
-    Viscous friction is the mean of both directions.
+    The screw has no dry friction, the motor turns forward, and its diode conducts. The screw's viscous friction is the
+    mean of both directions.
     """
     p = as_built(ops, p)
     m = _surroundings(ops, p, x, u, x.screw_angle)
-    wet, none = 0.5 * (m.wet[0] + m.wet[1]), Dry(0.0, 0.0)
+    viscous, none = 0.5 * (m.viscous[0] + m.viscous[1]), Dry(0.0, 0.0)
     free = tuple(coil._replace(side=0.0) for coil in m.coils)
-    m = m.replace(wet=(wet, wet), dry=none, coils=free, feeds=True, signs=(1.0, 1.0, 1.0, -1.0))
+    m = m.replace(viscous=(viscous, viscous), dry=none, coils=free, feeds=True, signs=(1.0, 1.0, 1.0, -1.0))
     return {**_rates(ops, p, x, u, m), "clutch_temperature": 0.0}
 
 
@@ -201,7 +205,7 @@ def moment(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Any, Record]:
     for coil, coil_current in zip(m.coils, (x.coil_current_1, x.coil_current_2), strict=True):
         power = power + coil.power(ops, p, coil_current)
         limited = ops.either(limited, ops.negate(ops.equal(coil.side, 0.0)))
-    # With both bodies at rest the friction torques are not unique: the outputs are limited to the clutches' torques.
+    # With both bodies at rest the friction torques are not unique: the outputs are limited to the capacities.
     torques = [ops.clip(torque, -dry.low, dry.high)
                for torque, dry in zip(coupled.friction_torques(ops, b, m.signs), b.dry, strict=True)]
     slip_power_1, slip_power_2 = _slip_powers(ops, b, m.signs, x)

@@ -50,7 +50,7 @@ def stiff_hinge(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 def _group(imperfection: str, *parameters: Variable, provides: Iterable[str] = (), **absent: float) -> Group:
     """Return a group of parameters ``drive_line``; without the group they have the values `absent`, by default 0.
 
-    The `imperfection` consists of the parameters that are 0 then, except damping, which has no effect at rest.
+    The `imperfection` vanishes with those values that are 0; damping is left out, as it has no effect at rest.
     """
     values = {f"drive_line.{v.name}": absent.get(v.name, 0.0) for v in parameters}
     return Group(in_group("drive_line", *parameters), provides=tuple(provides), absent=values, imperfections={
@@ -87,13 +87,16 @@ SCREW = groups.SCREW.reworded({"assembly position": "assembly position, before t
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
-    """Return the states of plant and controllers at rest at a fin angle, with the nut in the middle of its gap."""
+    """Return the states of plant and controllers at rest at a fin angle, with nut and fork in the middle of the gap."""
     at_rest = nonlinear.initial(ops, p, start)
     return {**at_rest, FIN_SIDE[0]: at_rest["motor_angle"]}
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states, with nut and fork in contact, as under load."""
+    """Return d/dt of the states with nut and fork in contact, without dry friction and limits of the drive.
+
+    Viscous friction is the mean of both directions.
+    """
     p = as_built(ops, p)
 
     def as_one() -> tuple[Value, ...]:

@@ -1,9 +1,8 @@
 """The actuator after Habibi, Roach and Luecke, as the thesis describes it in section 1.1.1.1.
 
 Current, velocity and position loops are in cascade. There is a gap between nut and fork, whose flanks have the
-stiffness and damping of :mod:`emcas_fmu.actuators.electromechanical.elastic`; all other components are rigid. Inertia
-and friction are reduced to the motor shaft at a constant ratio; viscous and Coulomb friction are constant and the same
-in both directions.
+stiffness and damping of :mod:`emcas_fmu.actuators.electromechanical.elastic`; all other components are rigid. The ratio
+is constant; the coefficients of viscous and Coulomb friction are constant and the same in both directions.
 """
 
 from __future__ import annotations

@@ -52,7 +52,10 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states, (2.17), (2.46), (2.47); viscous friction is the mean of both directions."""
+    """Return d/dt of the states, (2.17), (2.46), (2.47), without dry friction and limits of the drive.
+
+    Viscous friction is the mean of both directions.
+    """
     p = as_built(ops, p)
     m = mechanics.coefficients(ops, p, x.motor_angle, u)
     speed, current = x.motor_speed, x.motor_current
@@ -82,7 +85,7 @@ as_built = COMPOSITION.as_built
 
 
 def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: PlantInputs) -> tuple[Value, ...]:
-    """Return motor voltage [V] and current [A] at a motor speed [rad/s], and 1 where a limit is active, else 0."""
+    """Return motor voltage [V] and current [A] at a motor speed [rad/s], and 1 where the drive limits, else 0."""
     if p.structure.current == "ideal":  # the voltage is the one that such a loop needs
         current = ops.where(u.enabled, drive.current_reference(ops, p, u.reference), 0.0)
         over = ops.both(u.enabled, ops.fabs(drive.current_reference_raw(p, u.reference)) > p.drive.current_limit)

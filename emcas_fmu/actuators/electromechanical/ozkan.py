@@ -1,8 +1,9 @@
 """The actuator after Ozkan, as the thesis describes it in section 1.1.1.1.
 
 A brushless DC motor has an ideal current loop: the current equals its reference at once, within the drive's limit.
-Voltage and back-EMF do not affect the motion. The motor's shaft is flexible; there is no gap. Inertia and friction are
-reduced to the motor shaft at a constant ratio. The output motor_voltage is the voltage that such a loop would need.
+Voltage and back-EMF do not affect the motion. The motor's shaft is flexible; there is no gap. The ratio is constant;
+friction is the same in both directions. The output motor_voltage is the voltage that such a loop would need, without
+that across the inductance.
 """
 
 from __future__ import annotations

@@ -74,8 +74,9 @@ def quiet_current(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 def stable_velocity(inertia: Callable[[Any], Value]) -> Rule:
     """Return the rule for the velocity loop's crossover; `inertia(p)` returns the inertia at the motor [kg.m2].
 
-    With an ideal current loop the gain falls as 1/s: w_c = K_v k_p K_t/J. The phase lag of delay and sampling is
-    w_c (t_d + T): half a sample time each for the hold and for the speed, a difference of two counts.
+    With an ideal current loop the loop's gain falls as 1/s: the crossover w_c is controller.velocity.kp times
+    drive.current_gain times K_t/J. The phase lag of delay and sampling is w_c (t_d + T): half a sample time T each for
+    the hold and for the speed, a difference of two counts.
     """
     @rule("the velocity loop crosses over at about %.6g rad/s (controller.velocity.kp times drive.current_gain times "
           "motor.torque_constant over the inertia), where drive.transport_delay and controller.sample_time, %.6g s "

@@ -2,14 +2,14 @@
 
 "Intelligent control of DC motor driven electromechanical fin actuator", Control Engineering Practice 20 (6),
 610-617. The amplifier puts a voltage on the winding in proportion to the controllers' reference, the speed reference
-saturates, a torsion bar replaces the hinge moment, and the ratio is constant:
+saturates, a torsion bar is the load (here in addition to the hinge moment), and the ratio is constant:
 
     L di/dt = clip(K_pwm u, +-V) - R i - K_e w        T = T_aero - k_bar fin_angle
 
-The published model has no back-EMF (thesis, section 1.1.1.1): the default of K_e is 0. The power of the supply is then
-only the heat of the winding, not the work on the shaft, and the supply does not limit the speed. With K_e = K_t the
-equations are those of a motor. Friction, sampling, encoder and stops are the nonlinear actuator's. No friction is fed
-forward.
+u is the controllers' reference, V the supply, w the motor's speed. The published model has no back-EMF (thesis, section
+1.1.1.1): the default of K_e is 0. The supply then delivers only the heat and the magnetic energy of the winding, not
+the work on the shaft, and it does not limit the speed. With K_e = K_t the equations are those of a motor. Friction,
+sampling, encoder and stops are the nonlinear actuator's. No friction is fed forward.
 """
 
 from __future__ import annotations

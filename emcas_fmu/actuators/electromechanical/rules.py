@@ -79,8 +79,9 @@ def setpoint_weight(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 def inertias(p: Any, viscous: Value) -> tuple[Value, Value]:
-    """Return two inertias [kg.m2] at the motor: that of nut and fin at the ratio d/l, and that of motor and screw.
+    """Return two inertias [kg.m2] at the motor: that of nut and fin, and that of motor and screw.
 
+    The ratio is moment arm over lead, the smallest in the lever's travel.
     `viscous` [kg.m2] is added to the inertia about the hinge.
     """
     lead, lever = p.screw.lead, p.screw.lead / p.kinematics.moment_arm
@@ -88,14 +89,14 @@ def inertias(p: Any, viscous: Value) -> tuple[Value, Value]:
     return p.mass.nut * lead * lead + lever * lever * fin, p.inertia.motor + p.inertia.screw
 
 
-# Largest ratio of minus the backward efficiency times the load's inertia to the rotor's: at 1 the screw jams.
+# Largest -e J_l/J_r: e is the backward efficiency, J_l and J_r are the inertias of load and rotor. At 1 the screw jams.
 MOST_JAMMING = 0.9
 
 
 def jams(ops: Ops, p: Any, backward: Value, tick: Value) -> tuple[Value, ...]:
     """Return 1 if -e J_l exceeds MOST_JAMMING J_r, else 0, and e, J_r and J_l [kg.m2]; e is the efficiency `backward`.
 
-    J_l includes the hinge's viscous friction in the midpoint rule with a `tick` [s]; the ratio is d/l, the smallest.
+    J_l includes the hinge's viscous friction in the midpoint rule with a `tick` [s].
     """
     load, rotor = inertias(p, 0.5 * tick * mechanics.hinge_friction(p).viscous)
     return when(ops, -backward * load > MOST_JAMMING * rotor), backward, rotor, load

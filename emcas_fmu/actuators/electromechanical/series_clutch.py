@@ -3,14 +3,16 @@
     J_m m' = K_t i - C_m sgn m - b_m m - F              |F| <= C(phi), F = C sgn(m - w) while the clutch slips
     J_s w' = F - C_s sgn w - b_s w - e L                e = 1/forward where L w > 0, else backward = 0
 
-The motor with its current loop turns the screw through a friction clutch (:mod:`emcas_fmu.physics.clutch`). The coil
-has its rated current while the drive is enabled, otherwise none. The clutch limits the torque: under a shock from stop,
-jam or load it slips, and the rotor keeps its speed. A no-back prevents the load from driving the motor. Its torque is
-proportional to the load, as on the screws of flaps and stabilisers: the nut's axial force presses friction discs
-between screw and housing, and a ratchet lets them turn freely while the load opposes the motion. The discs balance
-the torque of a load that acts with the motion, at once and without power; for the motor this is a screw with a backward
-efficiency of 0 (:mod:`emcas_fmu.physics.screw`). Loads that act with the motor return no energy, as in the thesis.
-Without power the fin resists any load.
+m and w are the speeds of motor and screw, with inertia J, dry friction C and viscous friction b each (m, s); F is the
+torque of the clutch, C(phi) its capacity at the flux phi, L the load at the screw. The motor with its current loop
+turns the screw through a friction clutch (:mod:`emcas_fmu.physics.clutch`). The coil has its rated current while the
+drive is enabled, otherwise none. The clutch limits the torque: under a shock from stop, jam or load it slips, and the
+rotor keeps turning. A no-back prevents the load from driving the motor. Its torque is proportional to the load, as on
+the screws of flaps and stabilisers: the nut's axial force presses friction discs between screw and housing, and a
+ratchet lets them turn freely while the load opposes the motion. The discs balance the torque of a load that acts with
+the motion, at once and without power; for the motor this is a screw with a backward efficiency of 0
+(:mod:`emcas_fmu.physics.screw`). Loads that act with the motor return no energy, as in the thesis. Without power the
+fin resists any load.
 
 The drive is fed through a diode. A resistor dissipates the power that motor and coil return; its chopper keeps the DC
 link at the supply's voltage,
@@ -84,11 +86,11 @@ def _screw_side(p: Any) -> Any:
 
 def _as_one(p: Any) -> Any:
     """Return the parameters of motor, locked clutch and screw as one rotor, for the loops."""
-    dry, wet, one = p.friction.coulomb, p.friction.viscous, p.motor
+    dry, viscous, motor = p.friction.coulomb, p.friction.viscous, p.motor
     return with_values(p, {
         "inertia.motor": p.inertia.motor + p.clutch.driving_inertia + p.clutch.driven_inertia,
-        **{f"friction.coulomb.{way}": (c[0] + one.coulomb_friction, *c[1:]) for way, c in vars(dry).items()},
-        **{f"friction.viscous.{way}": b + one.viscous_friction for way, b in vars(wet).items()}})
+        **{f"friction.coulomb.{way}": (c[0] + motor.coulomb_friction, *c[1:]) for way, c in vars(dry).items()},
+        **{f"friction.viscous.{way}": b + motor.viscous_friction for way, b in vars(viscous).items()}})
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
@@ -114,19 +116,19 @@ def _surroundings(ops: Ops, p: Any, x: Record, u: PlantInputs, angle: Value) -> 
     return Record(mechanics=c, stops=(least, most), alpha_x=u.alpha_x,
                   coil=clutch.coil(ops, p, reference, p.coil.kp, x.coil_current, u.supply),
                   sliding=tuple(friction.coulomb(ops, p, way, c.fin) for way in (1.0, -1.0)),
-                  wet=tuple(friction.viscous(ops, p, way) for way in (1.0, -1.0)),
+                  viscous=tuple(friction.viscous(ops, p, way) for way in (1.0, -1.0)),
                   high=ops.where(x.screw_angle >= most, WALL, high), low=ops.where(x.screw_angle <= least, -WALL, low))
 
 
 def _train(ops: Ops, p: Any, x: Record, m: Record) -> Train:
     """Return rotor, clutch and screw in a mode."""
     side, c, rotor = _screw_side(p), m.mechanics, clutches.rotor_inertia(p)
-    wet = ops.where(x.screw_speed > 0.0, m.wet[0], m.wet[1])
+    viscous = ops.where(x.screw_speed > 0.0, m.viscous[0], m.viscous[1])
     share = p.clutch.share * clutch.share_at(ops, p, x.clutch_temperature)
     return Train(
         rotor=rotor, screw=screw.rotor_inertia(side), behind_inertia=screw.load_inertia(side, c.gain),
         rotor_torque=drive.torque(p, x.motor_current) - p.motor.viscous_friction * x.motor_speed - rotor * m.alpha_x,
-        screw_torque=c.rotor - wet * x.screw_speed, dry=p.motor.coulomb_friction,
+        screw_torque=c.rotor - viscous * x.screw_speed, dry=p.motor.coulomb_friction,
         capacity=clutch.capacity(p, x.flux, share), sliding=m.sliding,
         load=(screw.load(p, c, x.screw_speed, 1.0), screw.load(p, c, x.screw_speed, -1.0)), behind=screw.behind(c),
         high=m.high, low=m.low, forward=screw.forward(ops, p), backward=screw.backward(ops, p))
@@ -232,7 +234,7 @@ ACTUATOR = replace(
     initial=initial,
     sample=sample,
     derivatives=derivatives,
-    # The sign of a load near 0 is rounding: without `least`, steps would be so short that the current hardly changes.
+    # The sign of a load near 0 is rounding: `least` keeps the steps to its event so long that the current changes.
     step=events.Switched(mode, _rates, _margins, _landed, electrical.begun, least={"load": 1e-3}).step(as_built),
     reference="emcas_fmu.reference.series_clutch",
     modules=(sys.modules[__name__], *MODULES),

@@ -1,11 +1,14 @@
 """A digital hobby servo: firmware, PWM, DC motor, gear with friction, play and wind-up, fin on its output shaft.
 
-    J N d(w_m)/dt = T_m - T - C - b w          w = w_m/N
+    J N (d(w_m)/dt + alpha_y) = T_m - T - C - b w          w = w_m/N
     J_f d2(delta)/dt2 = T + T_h - C_f - b_f d(delta)/dt
 
-w_m is the motor's speed, N the gear ratio, delta the fin angle; T_h is the hinge moment. Torques of motor and gear:
-:mod:`emcas_fmu.physics.servo`, firmware: :mod:`emcas_fmu.control.firmware`. Parameters are values of a servo's data
-sheet, or refer to its output shaft, where the encoder is. Without `enable` the bridge is open.
+w_m is the motor's speed, delta the fin angle, N the gear ratio; J is the inertia of rotor and gear, J_f that about the
+hinge. T_m is the torque of the motor, T that of the gear on the fin, T_h the external moment about the hinge, alpha_y
+the vehicle's angular acceleration about it, C dry and b viscous friction of the gear, C_f and b_f that of the hinge.
+Torques of motor and gear: :mod:`emcas_fmu.physics.servo`, firmware: :mod:`emcas_fmu.control.firmware`. Parameters are
+values of the servo's or motor's data sheet; torques, friction and stiffness refer to the output shaft, where the
+encoder is, the inertia of the rotor to the motor. Without `enable` the bridge is open.
 """
 
 from __future__ import annotations
@@ -48,7 +51,7 @@ _FIRMWARE = Group((
                       sheet="servo: resolution, counts (pulses) per turn"),
     parameter("pwm.full", "1", 1.0, 1e9, "counts of PWM at a duty cycle of 1", sheet="servo: PWM value of 100 %"),
     parameter("pwm.limit", "1", 0.0, 1e9, "largest counts of PWM", sheet="servo: PWM limit"),
-    parameter("controller.dead_band", "1", 0.0, 1e6, "error, in counts, below which the firmware does not react",
+    parameter("controller.dead_band", "1", 0.0, 1e6, "error, in counts, below which the firmware treats it as 0",
               sheet="servo: dead band, in counts"),
     tunable("controller.kp", "1", 0.0, 1e6, "proportional gain, counts of PWM per count of error",
             sheet="servo: position P gain, over its divisor"),
@@ -65,11 +68,11 @@ _MOTOR = Group((
     parameter("motor.nominal_voltage", "V", 0.1, 1000.0, "voltage of stall torque and no-load speed, V_n",
               sheet="servo: voltage at which torque and speed are rated"),
     parameter("motor.stall_torque", "N.m", 1e-6, 1e5, "stall torque at the output without the gear's friction, T_s",
-              sheet="servo: stall torque, plus the gear's friction, which data sheets subtract"),
+              sheet="servo: rated stall torque, which is net of gear friction, plus that friction"),
     parameter("motor.no_load_speed", "rad/s", 1e-3, 1e5, "no-load speed of the output without friction, w_0",
-              sheet="servo: no-load speed; 60 deg over the transit time", display="deg/s"),
-    parameter("motor.asymmetry", "1", -0.9, 0.9, "share of the torque lost under negative voltage by brushes off their "
-              "neutral position (negative: lost under positive voltage)"),
+              sheet="servo: no-load speed; 60 deg divided by the transit time", display="deg/s"),
+    parameter("motor.asymmetry", "1", -0.9, 0.9, "share of the torque that is lost under negative voltage because the "
+              "brushes are not in the neutral position (negative: lost under positive voltage)"),
     parameter("inertia.motor", "kg.m2", 1e-9, 10.0, "rotor inertia, with that of the gear",
               sheet="motor: rotor inertia (moment of inertia, J)")), (
     Output(real_output("motor_angle", "rad", "motor angle", 100.0)),
@@ -84,7 +87,8 @@ _GEAR = Group((
     parameter("gear.backlash", "rad", 0.0, 0.5, "whole play of the gear at the output",
               sheet="servo: backlash (play) of the output"),
     parameter("friction.gear", "N.m", 0.0, 1e4, "dry friction of the gear at the output without load, C_0"),
-    parameter("friction.gear_load", "1", 0.0, 1.0, "ratio of dry friction to transmitted torque at small torque, m"),
+    parameter("friction.gear_load", "1", 0.0, 1.0, "ratio of load-dependent dry friction to the mean torque of motor "
+              "and output, at small torque, m"),
     parameter("friction.gear_load_rise", "1", 0.0, 2.0, "rise of the ratio m from small to stall torque, c"),
     parameter("friction.gear_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction of the gear at the output"),
     parameter("friction.stribeck_share", "1", 0.0, 10.0,
@@ -109,8 +113,8 @@ FAULTS = (
         "motor.no_load_speed": p.motor.no_load_speed / amounts.share}, (
             tunable("share", "1", 0.01, 1.0, "share of the flux that is left"),), lasting=True),
     PlantFault.scaling("dry_gear", "the gear runs without grease",
-                       tunable("factor", "1", 1.0, 100.0, "factor by which the gear's friction rises"), "friction.gear",
-                       "friction.gear_load", "friction.gear_load_rise"),
+                       tunable("factor", "1", 1.0, 100.0, "factor by which the gear's dry friction rises"),
+                       "friction.gear", "friction.gear_load", "friction.gear_load_rise"),
 )
 
 
@@ -130,18 +134,19 @@ def sample(ops: Ops, p: Any, x: Record, inputs: SampleInputs) -> Values:
 def feed_forward(ops: Ops, p: Any, motion: Motion, memory: Value) -> tuple[Ahead, Value, Value]:
     """Return the feed-forward of a motion of the fin, the unchanged memory, and the transport delay [s].
 
-    The reference, in counts of PWM, is that at the nominal voltage and with a stiff gear.
+    Its `speed` [rad/s] is the fin's mean rate in the sample time; its `reference` [counts of PWM] turns a stiff gear at
+    the nominal voltage.
     """
     speed = 0.5 * (motion.rate + motion.next_rate)
     inertia = p.inertia.motor * p.gear.ratio * p.gear.ratio + fin_port.hinge_inertia(p)
     torque = inertia * motion.acceleration + (p.friction.gear_viscous + mechanics.hinge_friction(p).viscous) * speed
-    damped = p.controller.kd * speed / firmware.count(p) / p.pwm.full  # compensates the firmware's derivative gain
+    damped = p.controller.kd * speed / firmware.count(p) / p.pwm.full  # compensates the firmware's derivative term
     duty = torque / p.motor.stall_torque + speed / p.motor.no_load_speed + damped
     return Ahead(speed, p.pwm.full * duty), memory, p.drive.transport_delay
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states of motor and fin; the vehicle's angular acceleration about the hinge acts on both."""
+    """Return d/dt of the states of motor and fin."""
     torque = servo.gear_torque(ops, p, x, u)
     motor = (servo.motor_torque(ops, p, x, u) - torque - u.gear_friction
              - p.friction.gear_viscous * servo.output_speed(p, x))
@@ -169,7 +174,7 @@ ACTUATOR = Actuator(
                        State("counts", "1", "counts of the encoder at the last frame")),
     supply=Supply(interface.SUPPLY_VOLTAGE, interface.SUPPLY_POWER,
                   lambda ops, p, interval: servo.conductance(p) / interval),
-    descriptions={"enable": "false opens the servo's bridge: only loads and friction move the fin",
+    descriptions={"enable": "false opens the servo's bridge: only loads and friction act on the fin",
                   "supply_voltage": "voltage that feeds the servo"},
     initial=initial,
     sample=sample,

@@ -3,6 +3,9 @@
     J_r dw/dt = T_m - C_m sgn w - b_m w - e L           theta = N fin_angle
     L = (J_f/N^2) dw/dt + (C_f/N) sgn w + b_f w/N^2 - T_f/N        e = 1/eta_f where L w > 0, else eta_b
 
+theta and w are angle and speed of motor and worm, J_r is their inertia, T_m the motor's torque, L the load torque at
+the worm; C is dry and b viscous friction, at the motor (m) and about the hinge (f), T_f the external moment there, J_f
+the inertia, N the gear ratio, eta_f and eta_b the efficiencies of the worm, forward and backward.
 The wheel is on the fin shaft: the ratio is constant, and the losses of the loaded worm follow from its geometry and
 friction (:mod:`emcas_fmu.physics.worm`, :mod:`emcas_fmu.physics.screw`). With eta_b <= 0 the worm is self-locking: no
 load moves the fin or drives the motor. The worm turns with the motor and lies along body x.
@@ -52,8 +55,8 @@ WORM = Group((*in_group(
                                     "flanks' friction coefficient")),))
 
 COMPOSITION = interface.composed(nonlinear.moment, *groups.with_gear(WORM, "worm wheel"))
-# Longest tick [s] with friction that falls with the speed. If its coefficient falls from 0.15 to 0.04, the fin angle in
-# the reference cases agrees within 0.0011 deg.
+# Longest tick [s] with friction that falls with the speed. If its coefficient falls from 0.15 to 0.04, slews of 40 deg
+# against and with 100 N.m are within 0.0001 deg of the independent integration.
 _FALLING = 2.5e-4
 
 

@@ -42,8 +42,8 @@ COMPOSITION = interface.composed(
 def geared(ops: Ops, p: Any) -> Any:
     """Return the parameters of an equivalent screw on the rim of the wheel, with the flanks' friction as built.
 
-    Shaft and worm are rigid in torsion, as the flanks' friction does not act on a twist in front of them. Applying the
-    function to its own result changes nothing.
+    Shaft and worm are rigid in torsion, so that the flanks' friction acts on the motor directly. Applying the function
+    to its own result changes nothing.
     """
     lead = 0.5 * p.worm.module * p.worm.starts
     return with_values(COMPOSITION.completed(worm_gear.geared(ops, p), (elastic.TORSIONAL,)), {

@@ -2,9 +2,9 @@
 
 Cylinder: :mod:`emcas_fmu.physics.cylinder`, valve: :mod:`emcas_fmu.physics.servovalve`, position loop:
 :mod:`emcas_fmu.control.fluid_power`. The loop's speed reference, relative to the speed with the open valve at its rated
-pressure, is the valve's command. Without `enable` the valve centres itself, and the oil in the chambers holds the fin.
-A check valve refills a chamber below the tank's pressure. If its flow is too small, a void forms: the pressure stays 0
-until the inflow exceeds the flow that the piston's motion demands. The volume of the void is neglected.
+pressure, is the valve's command. Without `enable` the spool returns to its null, and the oil in the chambers holds the
+fin. A check valve refills a chamber below the tank's pressure. If its flow is too small, a void forms: the pressure
+stays 0 until the inflow exceeds the flow that the piston's motion demands. The volume of the void is neglected.
 
 Events (:mod:`emcas_fmu.steppers.events`): the fin starts, comes to rest or meets a stop, the spool reaches the end of
 its stroke, or reaches or leaves its largest speed, a check valve opens or closes, a void forms. The end of a void is
@@ -135,7 +135,7 @@ def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states, without dry friction of the fin and with a valve within its limits."""
+    """Return d/dt of the states, without dry friction, with closed check valves and the spool within its limits."""
     p = as_built(ops, p)
     c = cylinder.linkage(ops, p, x.fin_angle, u)
     return _rates(ops, p, x, u, Record(linkage=c._replace(dry=0.0), fin=fin.FREE,

@@ -1,15 +1,16 @@
 """Electrohydrostatic actuator: servomotor with its drive, pump, valves and reservoir, cylinder, lever and fin.
 
 Pump and valves: :mod:`emcas_fmu.physics.pump`, cylinder: :mod:`emcas_fmu.physics.cylinder`, motor and drive:
-:mod:`emcas_fmu.physics.drive`. The position loop (:mod:`emcas_fmu.control.fluid_power`) uses the transducer of the fin,
-as a pump that leaks keeps turning under load. The velocity loop uses the motor's speed from an ideal resolver; its
-reference follows from that of the piston's speed as in a pump without leakage:
+:mod:`emcas_fmu.physics.drive`. The position loop (:mod:`emcas_fmu.control.fluid_power`) uses the transducer of the fin:
+the motor's angle does not determine the fin's, as the pump leaks. The velocity loop uses the motor's speed w from an
+ideal resolver; its reference follows from that of the piston's speed, v_ref, as in a pump without leakage:
 
     w_ref = A/D v_ref        u = clip(K_v (w_ref - w) + u_fc, +-u_max)
 
-The position loop's integral is also held while the drive cannot follow u. u_fc feeds the Coulomb friction of pump,
-piston and fin forward (:func:`emcas_fmu.control.controllers.fed_forward`): the friction without load, as no pressure is
-measured.
+A is the piston's area, D the pump's displacement, K_v controller.velocity.kp and u_max drive.reference_limit. The
+position loop's integral is also held while the drive cannot follow u and the integral would drive it further beyond its
+limit. u_fc feeds the Coulomb friction of pump, piston and fin forward
+(:func:`emcas_fmu.control.controllers.fed_forward`): the friction without load, as no pressure is measured.
 
 Without `enable` the bridge opens, and friction and leakage of the pump hold the fin, unless the bypass valve opens.
 
@@ -171,7 +172,7 @@ def _rates(ops: Ops, p: Any, x: Record, u: PlantInputs, m: Record) -> Values:
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-    """Return d/dt of the states, without dry friction, with closed valves and the drive within its limits."""
+    """Return d/dt of the states, without dry friction, with closed check and relief valves and an unlimited drive."""
     p = as_built(ops, p)
     smooth = with_values(p, {"pump.coulomb_friction": 0.0, "pump.pressure_friction": 0.0})
     m = Record(linkage=cylinder.linkage(ops, p, x.fin_angle, u)._replace(dry=0.0), fin=fin.FREE, shaft=fin.FREE,
