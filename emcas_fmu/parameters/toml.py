@@ -17,7 +17,7 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def literal(written: Any) -> str:
-    """Return a text, number, truth value, list or table on one line."""
+    """Return a text, number, truth value, list or table as TOML on one line."""
     if isinstance(written, Mapping):
         return f"{{ {', '.join(entry(*each) for each in written.items())} }}"
     if isinstance(written, (list, tuple)):

@@ -14,8 +14,9 @@ the motion, at once and without power; for the motor this is a screw with a back
 (:mod:`emcas_fmu.physics.screw`). Loads that act with the motor return no energy, as in the thesis. Without power the
 fin resists any load.
 
-The drive is fed through a diode. A resistor dissipates the power that motor and coil return; its chopper keeps the DC
-link at the supply's voltage,
+The drive is fed through a diode. A resistor dissipates the power that the motor returns and the coil does not consume;
+its chopper keeps the DC link at the supply's voltage. v i is the power of the motor, v_c i_c that of the coil, 0 while
+the suppressor dissipates the coil's energy:
 
     supply_power = max(v i + v_c i_c, 0)                braking_power = max(-(v i + v_c i_c), 0)
 
@@ -65,8 +66,8 @@ _CLUTCH = Group((
     clutches.CLUTCH_TEMPERATURE))
 _POWERS = Group(groups.EFFICIENCY.parameters, (
     Output(SUPPLY_POWER, lambda ops, p, m: ops.maximum(m.power, 0.0)),
-    Output(real_output("braking_power", "W", "power from motor and coil to the drive's braking resistor",
-                       100.0, minimum=0.0), lambda ops, p, m: ops.maximum(-m.power, 0.0)),
+    Output(real_output("braking_power", "W", "power to the drive's braking resistor: the motor's return less the "
+                       "coil's consumption", 100.0, minimum=0.0), lambda ops, p, m: ops.maximum(-m.power, 0.0)),
     Output(real_output("screw_loss", "W", "power that no-back and screw turn into heat under load", 100.0, minimum=0.0),
            lambda ops, p, m: (m.motion.felt - 1.0) * clutched_screw.transmitted(ops, m.train, m.motion)
            * m.x.screw_speed)), terminal="", provides=(capabilities.SUPPLY_VOLTAGE,))

@@ -10,7 +10,7 @@ from ...physics import cylinder, stick
 from ..declaration import PlantInputs, Values
 
 FREE = stick.Slide(1.0, 0.0, 0.0)
-"""The motion of a fin without dry friction, for smooth equations."""
+"""The motion of fin or shaft without dry friction, for smooth equations."""
 
 
 def mode(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[cylinder.Linkage, stick.Slide]:
