@@ -42,7 +42,7 @@ INPUT_DESCRIPTIONS = {
     "acceleration.x": "vehicle acceleration along body x (forward, along the screw), at the point from which "
                       "mounting.station is measured",
     "angular_acceleration.x": rolling("inertia.motor + inertia.screw"),
-    "enable": "false opens the drive's bridge: only loads and friction move the fin",
+    "enable": "false opens the drive's bridge: only loads and friction act on the fin",
 }
 
 # K_e w i = K_t i w: the power that leaves the circuit is the power on the shaft.
