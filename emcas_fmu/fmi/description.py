@@ -55,7 +55,7 @@ def describe(interface: FmuInterface) -> str:
 def about(interface: FmuInterface, sets: Sequence[ParameterSet], tool: str) -> dict[str, str]:
     """Return the attributes of a model description that only inform people: description, version, author, `tool`, date.
 
-    `sets` are the fins' parameters. Raises EmcasError for a SOURCE_DATE_EPOCH that is not a number.
+    `sets` are the fins' parameters. Raises EmcasError if SOURCE_DATE_EPOCH is not a valid time [s].
     """
     hashes = [parameters_hash(each.values) for each in sets]
     digest = hashes[0] if interface.fins == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
@@ -91,7 +91,7 @@ def without_fin(name: str) -> str:
 def type_name(v: Variable) -> str | None:
     """Return the name of a variable's type, which is the same for all fins; None for a variable without a type.
 
-    The type of a Real is its quantity, if any; an enumeration has a type of its own. No variable may have the name of a
+    The type of a Real is its quantity, if any; an enumeration has its own type. No variable may have the name of a
     type (FMI 2.0.5, section 2.2.3).
     """
     if v.items:
@@ -125,7 +125,7 @@ def initial_dependencies(interface: FmuInterface) -> dict[str, tuple[str, ...]]:
         listed = {output: tuple(sorted({*names, *started}, key=interface.reference.__getitem__))
                   if source in names else names for output, names in listed.items()}
         if values[interface.actuator.supply.power.name] == ZERO:
-            listed[interface.line.outputs[1].name] = ()  # no current or flow
+            listed[interface.line.outputs[1].name] = ()  # without power at the start there is no current or flow
     return listed
 
 
@@ -151,7 +151,7 @@ def _for_all_fins(interface: FmuInterface, of_one: Mapping[str, Collection[str]]
 
 
 def _terminals(interface: FmuInterface, arrays: bool) -> Iterator[Terminal]:
-    """Yield the terminals of fin port, actuator and supply; those of fins for each fin, or once with `arrays`."""
+    """Yield the terminals: mixing, fin port, actuator, supply. A fin's are repeated for each fin, unless `arrays`."""
     actuator, several = interface.actuator, interface.fins > 1
     if several and all(map(interface.is_input, _MIXED)):
         yield Terminal("mixing", "deflections for moments about the body axes", _MIXED)

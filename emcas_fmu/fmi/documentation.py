@@ -84,7 +84,7 @@ def _docstring(module: ModuleType) -> str | None:
 
 def _card(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
           platforms: Sequence[str], experiments: Sequence[EmbeddedExperiment]) -> Card:
-    """Return the credibility card of an FMU; it is the same in every build."""
+    """Return the credibility card of an FMU; it contains no date, so that every build has the same."""
     configuration = [Fact("FMU", f"FMI {fmi.version}, back end {backend}, for {', '.join(platforms)}", note=guid)]
     reference = Path(str(get(parts(interface.kind)[0]).reference)).name
     # Two digits, since an integration may differ in the last bits between machines.
@@ -124,7 +124,7 @@ def _license(package: str) -> str:
 
 def documents(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
               platforms: Sequence[str], experiments: Sequence[EmbeddedExperiment] = ()) -> dict[str, bytes]:
-    """Return all documentation files of an FMU by archive name; `experiments` are the references inside the FMU."""
+    """Return documentation and icons of an FMU by archive name; `experiments` are the references inside the FMU."""
     credibility = _card(interface, sets, guid, backend, fmi, platforms, experiments)
     wrapper = ("pythonfmu-license.txt is the licence of PythonFMU: of the binaries, and of pythonfmu in resources.\n"
                if backend == "python" else "")

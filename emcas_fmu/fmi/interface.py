@@ -1,7 +1,8 @@
 """The interface of an FMU of one or several actuators, from the actuator's declaration.
 
 The FMU of a single actuator has the actuator's variables. With several, the variables of each are under ``fin[1].``,
-``fin[2].`` and so on; they share vehicle motion and supply, and have mixing inputs and the supply's line in addition.
+``fin[2].`` and so on. Vehicle motion and supply are then inputs that all share; mixing inputs and, if the actuators
+have a supply, outputs and parameters of the supply line are added.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ SPELLINGS = ("structured", "flat")
 """Naming conventions of FMI: ``fin[2].fault.jam.begin`` or ``fin2_fault_jam_begin``."""
 LAYOUTS = ("plus", "cross")
 INPUT_SETS = ("all", "minimal")
-"""Inputs of an FMU: all inputs of the actuator, or command and load alone, with the others as tunable parameters."""
+"""Inputs of an FMU: all of the actuator's, or fin_command and aero_torque alone; the others are tunable parameters."""
 CONNECTIONS = ("angle", "torque")
-"""Result of an FMU: the fin's angle under a load, or the torque on a fin that the host models."""
+"""What an FMU computes: the fin's angle under a load, or the torque on a fin that the host models."""
 MINIMAL = (fin_port.COMMAND.name, fin_port.AERO_TORQUE.name)
 AZIMUTH = "mounting.azimuth"
 FINS = "fins."
@@ -52,7 +53,7 @@ MIXING = (_mixing("roll", "x (right side down)"), _mixing("pitch", "y (nose up)"
 
 
 def model_name(actuator: str, fins: int = 1) -> str:
-    """Return the name of an actuator's model: EMCAS, EMCAS4, EMCAS_second_order, EMCAS_heat (nonlinear)."""
+    """Return the model's name: EMCAS (nonlinear), EMCAS4 (4 fins), EMCAS_second_order, EMCAS_heat (nonlinear+heat)."""
     several = "" if fins == 1 else f"{fins}"
     return f"EMCAS{several}" + (
         "" if actuator == NONLINEAR else f"_{identifier(actuator.removeprefix(f'{NONLINEAR}+'))}")
@@ -143,12 +144,12 @@ class FmuInterface:
         return f"fin{number}" if self.spelling == "flat" else f"fin[{number}]"
 
     def array_name(self, variable: str) -> str:
-        """Return the name of the array with a variable's elements for all fins (FMI 3.0)."""
+        """Return a variable's name in FMI 3.0: that of the array over the fins, unless it has no element per fin."""
         return variable if self.fins == 1 or variable in self.shared else f"{FINS}{variable}"
 
     @cached_property
     def shared(self) -> tuple[str, ...]:
-        """Names of the inputs that all fins share: vehicle motion and supply."""
+        """Names of the inputs that all fins share: vehicle motion and, if they have one, the supply."""
         supply = self.actuator.supply
         return VEHICLE if supply is None else (*VEHICLE, supply.input.name)
 
@@ -160,7 +161,7 @@ class FmuInterface:
 
     @cached_property
     def line_outputs(self) -> tuple[Variable, ...]:
-        """Outputs of the line: the supply at the fins, and the current or flow and the power that they consume."""
+        """Outputs of the line, if any: voltage or pressure at the fins; current or flow, and power, of all fins."""
         supply = self.actuator.supply
         if self.line is None or supply is None:
             return ()
@@ -168,7 +169,7 @@ class FmuInterface:
 
     @cached_property
     def groups(self) -> tuple[tuple[tuple[Variable, ...], tuple[Variable, ...]], ...]:
-        """For inputs, outputs and parameters: the variables of all fins (none for a single fin), those of one fin."""
+        """For inputs, outputs and parameters: the variables that fins share (none for a single fin), then one fin's."""
         actuator, supply = self.actuator, self.actuator.supply
         if self.fins == 1:
             inputs = self._connected(actuator.inputs)
@@ -196,7 +197,7 @@ class FmuInterface:
 
     @cached_property
     def inputs(self) -> tuple[Variable, ...]:
-        """The inputs: shared and mixing ones, then those of each fin."""
+        """The inputs, shared and mixing ones, then those of each fin; with ``minimal`` most are tunable parameters."""
         return self._scalars(0)
 
     @cached_property
@@ -259,7 +260,7 @@ def fin_sets(base: ParameterSet, fins: int, layout: str = "cross",
     """Return each fin's parameters: `base` with the azimuth of the `layout`, overridden by the fin's file if any.
 
     `layout` is ``plus`` or ``cross``; the keys of `files` are fin numbers, from 1. Raises EmcasError for an unknown fin
-    or layout, or fins that differ in shared values; ParameterError for a file's problems.
+    or layout, or fins that differ in the start value of a shared input; ParameterError for a file's problems.
     """
     FmuInterface(fins)  # raises EmcasError for a wrong number
     angles = azimuths(fins, layout)
@@ -267,7 +268,7 @@ def fin_sets(base: ParameterSet, fins: int, layout: str = "cross",
         if not 1 <= fin <= fins:
             raise EmcasError(f"fin {fin}={files[fin]}: the FMU has fins 1 to {fins}")
     turned = [base.with_values({AZIMUTH: f"{azimuth} deg"}) for azimuth in angles]
-    # A fin that has the azimuth of `base` keeps its source.
+    # If the azimuth is already that of `base`, `base` itself is used: it keeps the source of the azimuth.
     sets = tuple(load_parameters(files.get(fin), base if each.values == base.values else each)
                  for fin, each in enumerate(turned, 1))
     require_shared(sets, ", ".join(map(str, files.values())))
@@ -283,9 +284,9 @@ def require_shared(sets: Sequence[ParameterSet], where: str) -> None:
 
 
 def start_values(interface: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
-    """Return the start value of every variable of the interface; 0 or False for outputs.
+    """Return the start value of every variable, in the order of `variables`; 0 or False for outputs.
 
-    `sets` are the fins' parameter values; shared variables have those of the first fin.
+    `sets` are the fins' parameters by name [SI]; shared inputs start at the values of the first fin.
     """
     entries = {v.name: v.key or v.name for v in (*interface.actuator.inputs, *interface.actuator.parameters)
                if v.causality == "parameter" or v.key}

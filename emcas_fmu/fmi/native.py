@@ -74,7 +74,7 @@ def _sizes(interface: FmuInterface) -> str:
                "MIXING_BEGIN": at.get(MIXING[0].name, 0)}
     enum = ",\n".join(f"    {name} = {number}" for name, number in numbers.items())
     rows = ",\n".join(f"    {{{', '.join(map(str, row))}}}" for row in interface.fin_inputs)
-    return (f"enum {{\n{enum}\n}};\n\n/* The index of each fin's inputs, in the order of model.h. */\n"
+    return (f"enum {{\n{enum}\n}};\n\n/* The indices of each fin's inputs, in the order of model.h. */\n"
             f"static const unsigned char INPUT_INDEX[FINS][{len(interface.actuator.inputs)}] = {{\n{rows}\n}};\n")
 
 
@@ -88,7 +88,7 @@ def _arrays(interface: FmuInterface, fmi: Format) -> str:
     outputs = [v.name for v in actuator.outputs]
     fin_rate = f"#define OUTPUT_FIN_RATE {outputs.index('fin_rate')}\n" if "fin_rate" in outputs else ""
     names = ", ".join(c_text(_host_type(kind)) for kind in _TYPES)
-    return ("\n/* Types of FMI 3.0, and the indices of the elements of a variable: those of the first fin are `size` "
+    return ("\n/* Types of FMI 3.0, and the indices of the elements of a variable: the first fin has `size` of them "
             f"from `first` on,\n * those of the next fin begin at `first` + `stride`. */\n"
             f"enum {{ {', '.join(_TYPES.values())} }};\n"
             f"static const char *const TYPE[] = {{{names}}};\n\n"
@@ -97,7 +97,7 @@ def _arrays(interface: FmuInterface, fmi: Format) -> str:
             f"enum {{ TIME = {len(fmi.variables(interface)) + 1}, ARRAYS = {len(listed) + 1} }};\n"
             f"#define CLOCK_NAME {c_text(CLOCK.name)}\n"
             f"static const array ARRAY[ARRAYS] = {{\n    {{\"\", -1, 0, 1, 1, 0}}, /* no variable */\n{rows}\n}};\n\n"
-            "/* The index of the sample time among a fin's parameters, of the rate among its outputs, if any. */\n"
+            "/* The index of the sample time among a fin's parameters, and of fin_rate, if any, among its outputs. */\n"
             f"enum {{ SAMPLE_TIME = {sample_time} }};\n{fin_rate}")
 
 
@@ -153,7 +153,7 @@ def sources(interface: FmuInterface, starts: Sequence[Any], guid: str, fmi: Form
 
 
 def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
-    """Return the platforms by their names in FMI 2.0 or 3.0; by default all, or with `cc` that of this machine.
+    """Return the platforms with these names of FMI 2.0 or 3.0; by default all, or with `cc` that of this machine.
 
     Raises CompilerError for an unknown platform, or one for which the system compiler `cc` cannot build.
     """
@@ -189,7 +189,7 @@ def binaries(identifier: str, files: Mapping[str, str], platforms: Sequence[Plat
         for i, target in enumerate(platforms):
             progress(target.name, i, len(platforms))
             by_folder = next(compiled)
-            if not fmi.is_3:  # darwin64 is for both kinds of Mac, but some importers look for aarch64-darwin
+            if not fmi.is_3:  # darwin64 serves both kinds of Mac, but some importers look for aarch64-darwin
                 by_folder = {target.name: universal(list(by_folder.values()))} | {
                     folder: library for folder, library in by_folder.items() if folder == "aarch64-darwin"}
             libraries |= {f"binaries/{folder}/{identifier}{target.suffix}": library

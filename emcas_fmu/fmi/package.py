@@ -53,7 +53,7 @@ def _contents(interface: FmuInterface, sets: Sequence[ParameterSet], backend: st
     """Return the files of the archive, GUID, platforms, and warnings about the references."""
     starts = start_values(interface, [p.values for p in sets])
     guid = interface_guid(starts, interface, fmi)
-    # Not with the versions of Python and compiler: all supported ones give the same FMU except for the binaries.
+    # The tool's name has no version of Python or compiler: all supported ones give the same FMU apart from binaries.
     tool = f"emcas-fmu {__version__}"
     if backend == "native":
         files, options = native.sources(interface, starts, guid, fmi), fmi.options
@@ -82,17 +82,18 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
           interface: str = CONNECTIONS[0]) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
-    `fmi` is ``2`` or ``3``, `backend` ``python`` (only for `fmi` ``2``, its default) or ``native``. The native back end
-    builds for `platforms` (default: all) with zig, or with the system compiler `cc` for this platform only. With
+    `fmi` is ``2`` or ``3``; `backend` is ``python``, which builds `fmi` ``2`` only and is its default, or ``native``,
+    which builds for `platforms` (default: all) with zig, or with the system compiler `cc` for this machine only. With
     `clock` an FMU of FMI 3.0 has a clock of the controllers' samples, with `scalars` it has no arrays. With `inputs`
-    ``minimal`` only command and load are inputs, the others are tunable parameters. `names` of variables are
+    ``minimal`` only fin_command and aero_torque are inputs, the others are tunable parameters. `names` are
     ``structured``, or ``flat``: without dots and brackets. The `identifier`, by default the model's name, names library
     and C functions. Several `fins` share a supply and are in the `layout` ``plus`` or ``cross``; `files` maps fin
     numbers, from 1, to parameter files that override `parameters`. With `references` the FMU contains responses to
     compare with (:mod:`.references`), unless it is a `part`, ``controller`` or ``plant`` alone
     (:mod:`emcas_fmu.extensions.halves`), or has the `interface` ``torque``, with which the host models the fin
-    (:mod:`emcas_fmu.extensions.torque`). Raises EmcasError for invalid arguments, ParameterError for a file's problems,
-    BuildError if the FMU cannot be written, CompilerError if there is no compiler or it fails.
+    (:mod:`emcas_fmu.extensions.torque`). Raises EmcasError for invalid arguments (most are a BuildError, an
+    unknown platform is a CompilerError), ParameterError for a file's problems, BuildError if the FMU cannot be written,
+    CompilerError if there is no compiler or it fails.
     """
     fmi = str(fmi)
     backend = backend or ("python" if fmi == "2" else "native")
@@ -110,7 +111,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
             (part and torque, f"part {part} has no interface torque: leave one of them out"),
             (inputs != INPUT_SETS[0] and torque, f"inputs {inputs}: with interface torque the fin's motion is an "
              "input; leave inputs out"),
-            (inputs != INPUT_SETS[0] and part, f"inputs {inputs}: part {part} has the signals of the other part as "
+            (inputs != INPUT_SETS[0] and part, f"inputs {inputs}: part {part} has the signals of the other half as "
              "inputs; leave inputs out"),
             ((part or torque) and fins > 1, f"{f'part {part}' if part else 'interface torque'} is for a single fin: "
              "leave fins out, and use an instance for each fin")):

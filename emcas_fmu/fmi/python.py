@@ -59,7 +59,7 @@ def _sources(interface: FmuInterface, starts: tuple[Any, ...], guid: str) -> dic
     """Return the texts of the embedded package by file name."""
     files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in _EMBEDDED}
     files["__init__.py"] = f'"""The EM-CAS actuator, as embedded in {interface.model}.fmu; generated, do not edit."""\n'
-    # Inside the package's folder: a host may have another version of pythonfmu.
+    # pythonfmu is embedded inside this package, since a host may have another version of it.
     files["fmi/fmi2/reporting.py"] = files["fmi/fmi2/reporting.py"].replace("from pythonfmu", "from ...pythonfmu")
     files |= {f"pythonfmu/{name}.py": (_PYTHONFMU / f"{name}.py").read_text(encoding="utf-8") for name in _BASE}
     files["pythonfmu/__init__.py"] = (

@@ -62,7 +62,7 @@ class EmbeddedExperiment:
     results: Mapping[str, Array]
     independent: bool
     difference: float
-    """Largest difference [rad] between the fin angles in the results and those of this package's stepping."""
+    """Largest difference [rad] between the results' fin angles and those of this package's stepping; 0 if the same."""
 
 
 def reference_files(

@@ -32,7 +32,7 @@ DIFFERENCES = ("TemperatureDifference",)
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit of FMI: exponents of the base units, and factor and offset of the conversion to these."""
+    """A unit of FMI: exponents of the base units; a value in base units is `factor` times the value plus `offset`."""
 
     exponents: dict[str, int]
     factor: float
@@ -48,7 +48,7 @@ def fmi_unit(name: str) -> Unit:
 
 
 def quantity(v: Variable) -> str:
-    """Return the quantity of a variable, as one word; empty if neither the variable nor its unit defines it."""
+    """Return the quantity of a variable, as one word; empty if neither the variable nor its unit defines one."""
     return v.quantity or _QUANTITIES.get(v.unit, "")
 
 

@@ -31,15 +31,15 @@ CORE_REQUIRE(outputs_are_those_of_line_and_fins, (int)FMU_OUTPUTS == (int)MULTI_
 CORE_REQUIRE(parameters_are_those_of_line_and_fins,
              (int)FIN_PARAMETER_BEGIN == (int)PARAMETER_BEGIN + (MULTI_FIN_LINE ? MODEL_LINE_PARAMETERS : 0));
 
-/* Everything that reset and the FMU state functions copy. */
+/* Everything that reset renews and the FMU state functions copy. */
 typedef struct {
     double values[FMU_VARIABLES];
-    double tuned[FMU_TUNABLES + 1]; /* the last tunable parameters that kept the rules; C has no empty arrays */
+    double tuned[FMU_TUNABLES + 1]; /* the tunable parameters to which the fins are bound; C has no empty arrays */
     double rates[FMU_INPUTS]; /* derivatives of the inputs in the next step (FMI 2.0) */
     double start, stop, now;    /* s; stop is infinite if the host sets none, now counts from the start */
     int32_t phase;
     int32_t has_rates;  /* a rate is set */
-    int32_t terminated; /* the last step could not be computed (FMI 2.0) */
+    int32_t terminated; /* the last step was discarded (FMI 2.0) */
     int32_t fresh;      /* the outputs in values are up to date */
     multi_fin_state fins;
 } model_state;
@@ -52,11 +52,11 @@ typedef struct {
     int32_t check_inputs; /* an input might be infinite or NaN */
     int32_t moved;      /* motion_loads are out of date */
     int32_t commanded;  /* check_drive has seen a command other than 0 */
-    bool event_mode, early_return; /* of the host (FMI 3.0) */
+    bool event_mode, early_return; /* the host uses event mode, allows early return (FMI 3.0) */
     bool ticks, interval_known; /* the clock ticks in this event; the host knows its interval (FMI 3.0) */
     multi_fin fins;
     double motion_loads[FINS][CORE_MOTION_LOADS]; /* of each fin */
-    bool warned[FINS][RULES], warned_of_line[LINE_RULES + 1]; /* warnings that have been logged */
+    bool warned[FINS][RULES], warned_of_line[LINE_RULES + 1]; /* warnings that hold and are logged */
     model_state s;
 } instance;
 
@@ -73,7 +73,7 @@ enum {
     EVERY_CATEGORY = (1 << CATEGORIES) - 1
 };
 
-/* Log a message. Returns `status`, so that a refusal is one line. */
+/* Log a message if logging of its category is on. Returns `status`, so that a refusal is one line. */
 static int report(const instance *m, int status, const char *format, ...)
 {
     const unsigned category = (unsigned)(status - FMI(Warning));
@@ -116,7 +116,7 @@ static bool allowed_with(const instance *m, int phases, size_t n, const void *fi
     return false;
 }
 
-/* Define a function that the FMU does not support: it logs the reason, unless `count` (of variables) is 0. */
+/* Define a function that the FMU does not support: an error, unless its `count` of variables is 0. */
 #define UNSUPPORTED(Name, phases, count, reason, parameters)                                       \
     FMI(Status) FMI(Name) parameters                                                               \
     {                                                                                              \
@@ -265,8 +265,8 @@ static void update_motion_loads_now(instance *m)
     m->moved = 0;
 }
 
-/* Update the outputs. An input that is not finite, and parameters that break a rule, which the next step refuses, leave
- * them unchanged during the run; before it, outputs that cannot be computed are NaN, 0 or false. */
+/* Update the outputs. They cannot be computed if an input is not finite or parameters break a limit or rule, for which
+ * the next step is refused: during the run they are then unchanged, before it they are NaN, 0 or false. */
 static void refresh(instance *m)
 {
     const bool before = m->s.phase & BEFORE_RUN;
@@ -289,7 +289,7 @@ static void refresh(instance *m)
     multi_fin_outputs(&m->fins, &m->s.fins, now, m->s.values + OUTPUT_BEGIN);
 }
 
-/* Return whether a variable may be set; log an error if not. An input may be set to NaN; the next step refuses it. */
+/* Return whether a variable may be set; log an error if not. Infinite or NaN inputs are refused by the next step. */
 static bool settable(const instance *m, size_t index, double value)
 {
     if (index >= OUTPUT_BEGIN && index < PARAMETER_BEGIN)

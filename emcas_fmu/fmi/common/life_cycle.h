@@ -44,7 +44,7 @@ void FMI(FreeInstance)(void *c)
     if (m) release(&m->host, m);
 }
 
-/* Set the start time and, if there is one, the stop time [s]. */
+/* Set the start time [s] and, if the host has one, the stop time [s]; an error if they are impossible. */
 static int begin_initialization(instance *m, double start, bool stops, double stop)
 {
     if (!core_finite(start)) return report(m, FMI(Error), "start time %.9g is not finite", start);
@@ -55,12 +55,12 @@ static int begin_initialization(instance *m, double start, bool stops, double st
     return FMI(OK);
 }
 
-/* Start the run if the parameters are sound; otherwise the host may correct them and repeat the call. */
+/* Start the run unless parameters or start time are refused; the host may correct parameters and repeat the call. */
 FMI(Status) FMI(ExitInitializationMode)(void *c)
 {
     instance *m = c;
     if (!allowed(m, INITIALIZING, __func__) || !sound(m, FMI(Error))) return FMI(Error);
-    if (!m->s.fresh) refresh(m); /* outputs for the case that an input is not finite */
+    if (!m->s.fresh) refresh(m); /* in the run it would not clear the outputs if an input is not finite */
     prepare(m);
     if (fabs(m->s.start) > m->fins.latest) return report(m, FMI(Error), TOO_LATE, m->s.start, m->fins.latest);
     all_rules_kept(m, FMI(Warning));

@@ -72,7 +72,7 @@ static const char *unsound(const instance *m, const model_state *s)
                 || fabs(value) > (VARIABLE[i].kind == INTEGER ? INT32_MAX : 1)))
             return VARIABLE[i].name; /* not an integer, or not 0 or 1 */
     }
-    if (s->phase & BEFORE_RUN) return NULL; /* the core will be restarted */
+    if (s->phase & BEFORE_RUN) return NULL; /* the end of initialization starts the core anew */
     instance probe = {.host = m->host, .name = m->name}; /* logs nothing */
     probe.s = *s;
     const double *tuned = s->tuned;

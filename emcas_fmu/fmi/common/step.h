@@ -38,7 +38,7 @@ static core_result held_step(instance *m, double end)
     return run(m, end, in, NULL);
 }
 
-/* Check and prepare a step of `size` [s] from `time` [s]; set its `end` [s from the start]. */
+/* Check and prepare a step of `size` [s] from `time` [s]; set its `end` [s from the start]. Returns its status. */
 static int step_end(instance *m, double time, double size, double *end)
 {
     if (!core_finite(time) || !core_finite(size) || !(size > 0.0))
@@ -53,11 +53,11 @@ static int step_end(instance *m, double time, double size, double *end)
         all_rules_kept(m, FMI(Warning));
     }
     const double begin = time - m->s.start;
-    /* Far from 0 the times of a host are coarser than the slack. */
+    /* Far from 0, the rounding of a host's times may exceed the slack. */
     if (!(fabs(begin - m->s.now) <= m->fins.slack + 4.0 * DBL_EPSILON * fabs(time)))
         return report(m, FMI(Error), "step from %.17g s, but the instance is at %.17g s, %.3g s away", time,
                       m->s.start + m->s.now, begin - m->s.now);
-    /* A host that sums its steps misses the stop time by up to 1e-9 of it. */
+    /* A host that sums its steps may miss the stop time, by up to 1e-9 of it. */
     if (time + size > m->s.stop + m->fins.slack + 1e-9 * fabs(m->s.stop))
         return report(m, FMI(Error), "step of %.17g s from %.17g s ends after the stop time, %.17g s", size, time,
                       m->s.stop);

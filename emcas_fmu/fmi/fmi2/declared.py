@@ -1,6 +1,6 @@
 """Declarations of the generated slave: variables, parameters and rules, and their distribution to line and fins.
 
-It is embedded in the FMU and imports only the standard library and pythonfmu's base class.
+It is embedded in the FMU and imports only the standard library and other embedded modules.
 """
 
 from __future__ import annotations

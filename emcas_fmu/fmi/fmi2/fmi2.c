@@ -1,7 +1,7 @@
 /* FMI 2.0 for co-simulation around core.h.
  *
- * A variable's value reference is its index in the table of inputs, outputs and parameters. No global state changes,
- * and no step allocates memory.
+ * A variable's value reference is its index in the table of inputs, outputs and parameters. There are no global
+ * variables that change, and no step allocates memory.
  */
 #include <stdbool.h>
 #include <stdlib.h>
@@ -60,7 +60,7 @@ static bool is_a(const instance *m, size_t vr, int kind)
     return false;
 }
 
-/* The conversions lose nothing, since a call sets only values of its own type. */
+/* The conversions lose nothing: a call gets and sets only variables of its type. */
 #define DEFINE_ACCESS(Kind, kind, as_number)                                                                    \
     fmi2Status fmi2Get##Kind(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2##Kind value[])       \
     {                                                                                                           \
@@ -118,7 +118,7 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
     return fmi2OK;
 }
 
-/* Step with inputs that change linearly; motion loads are interpolated between both ends of the step. Afterwards the
+/* Step with Real inputs that change linearly; motion loads are interpolated between the step's ends. Afterwards the
  * inputs are at the ends of their ramps, and are held there until they or their derivatives are set again. */
 static core_result ramped_step(instance *m, double begin, double end)
 {
@@ -160,10 +160,10 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean
         const double begin = time - m->s.start;
         const bool ramped = m->s.has_rates && end > begin;
         status = step_done(m, ramped ? ramped_step(m, begin, end) : held_step(m, end), time, size, end);
-        /* The ramps of mixed commands and of a line end within rounding of the outputs for the inputs at their ends. */
+        /* With several fins, outputs at the ends of ramps may differ by rounding from those for the final inputs. */
         if (FINS > 1 && ramped && status == fmi2OK) m->s.fresh = 0;
     }
-    if (status != fmi2Error) m->s.terminated = status != fmi2OK; /* otherwise fmpy repeats the same step for ever */
+    if (status != fmi2Error) m->s.terminated = status != fmi2OK; /* without it fmpy repeats a discarded step for ever */
     return status;
 }
 

@@ -1,7 +1,7 @@
 """The co-simulation slave: it passes FMI calls to the core of one fin, or to the cores of several.
 
-It is embedded in the FMU and imports only the standard library and pythonfmu's base class. reporting.py describes the
-errors that it refuses and logs; declared.py has the declarations of the generated class.
+It is embedded in the FMU and imports only the standard library, pythonfmu's base class and other embedded modules.
+reporting.py describes the errors that it refuses and logs; declared.py has the declarations of the generated class.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ class Slave(DeclaredSlave):
         self._commanded = False  # _check_drive has seen a command other than 0
         self._changed = True  # parameters have changed since the core was bound to them
         self._fresh = False  # outputs in _values are up to date
-        self._motion: list[float] = []
+        self._motion: list[float] = []  # the vehicle's, for which _motion_loads were computed
         self._cached_inputs: tuple[Any, ...] | None = None  # of the core, until a variable is set
-        self._slack = 0.0  # s: tolerance of a step's begin
+        self._slack = 0.0  # s: tolerance of a step's start
         self._latest = inf  # s: latest end of a step
-        self._motion_loads: Any = None  # of _motion
+        self._motion_loads: Any = None
 
     def setup_experiment(self, start_time: float, stop_time: float | None = None,
                          tolerance: float | None = None) -> None:
@@ -187,9 +187,9 @@ class Slave(DeclaredSlave):
         """Discard values computed from core and inputs, one of which has changed, and renew the tolerances."""
         self._motion, self._cached_inputs, self._fresh = [], None, False
         if self._core is not None:
-            # Far from 0 the times of a host are coarser than the core's slack.
+            # Far from 0, the rounding of a host's times may exceed the core's slack.
             self._slack = self._core.slack + 1e-15 * abs(self._start)
-            # A host that sums its steps misses the stop time by up to 1e-9 of it.
+            # A host that sums its steps may miss the stop time, by up to 1e-9 of it.
             self._latest = self._stop + self._core.slack + 1e-9 * abs(self._stop)
 
     def _get(self, kind: str, missing: Any, vrs: Sequence[int]) -> list[Any]:
@@ -211,8 +211,8 @@ class Slave(DeclaredSlave):
     def _refresh(self) -> None:
         """Update the outputs in `_values`.
 
-        An input that is not finite, and parameters that break a rule, which the next step refuses, leave them unchanged
-        during the run; before it, outputs that cannot be computed are NaN, 0 or false.
+        They cannot be computed if an input is not finite or parameters break a limit or rule, for which the next step
+        is refused: in the run they are then unchanged; before it, or after a refused initialization, NaN, 0 or false.
         """
         core = self._core
         if self._phase in _BEFORE_RUN:
@@ -272,7 +272,7 @@ class Slave(DeclaredSlave):
         return list(map(int, self._get("Integer", 0, vrs)))
 
     def _get_fmu_state(self) -> Any:
-        """Return the state. It is without misuse, for which one step is refused: not again after a host's rollback."""
+        """Return the state, without misuse: the step that is refused for it is not refused again after a rollback."""
         core = None if self._core is None else self._core.state
         return (self._start, self._now, self._phase, self._refusal, self._changed, tuple(self._values), self._bound,
                 core, self._stop)
@@ -313,7 +313,7 @@ class Slave(DeclaredSlave):
             problem = "impossible text of a refusal"
         elif wrong := wrong_variable(values, self.rows):
             problem = wrong
-        elif phase in _BEFORE_RUN:  # the core will be restarted
+        elif phase in _BEFORE_RUN:  # the end of initialization makes a new core
             return start, 0.0, phase, refusal, True, values, (), None, stop
         elif core_state is None:
             problem = "" if bound == () and (refusal or phase == "terminated") else "its core is missing"
@@ -342,5 +342,5 @@ class Slave(DeclaredSlave):
 
 
 def _too_late(start: float, core: Any) -> str:
-    """Return the message for a start time [s] at which numbers are too coarse for a core's ticks; otherwise ""."""
+    """Return the message for a start time [s] at which doubles are too coarse for a core's ticks; otherwise ""."""
     return "" if abs(start) <= core.latest else TOO_LATE % (start, core.latest)

@@ -46,7 +46,7 @@ def is_text(value: Any) -> bool:
 
 
 def wrong_variable(values: Any, rows: Sequence[tuple[Any, ...]]) -> str:
-    """Return the first variable with an impossible stored value, or that their number is wrong; "" without either."""
+    """Return the name of the first variable with an impossible value, or that their number is wrong; otherwise ""."""
     if not (isinstance(values, tuple) and len(values) == len(rows)):
         return "wrong number of variables"
 

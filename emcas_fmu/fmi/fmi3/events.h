@@ -55,7 +55,7 @@ static core_result step_from(instance *m, const multi_fin_state *copy, double fr
     return held_step(m, end);
 }
 
-/* Step to `*end` [s from the start], or to the first event before it, whose time then is `*end`; all or nothing. */
+/* Step to `*end` [s from the start] or to an event before it; sets `*end` to the time reached. All or nothing. */
 static core_result step_to_event(instance *m, double *end, bool *event)
 {
     const model_state begun = m->s;

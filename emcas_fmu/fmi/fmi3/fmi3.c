@@ -1,7 +1,7 @@
 /* FMI 3.0 for co-simulation around core.h.
  *
  * A variable is a scalar or an array; ARRAY (interface.h) has the indices of its elements among the scalars of the
- * FMU. No global state changes, and no step allocates memory.
+ * FMU. There are no global variables that change, and no step allocates memory.
  */
 #include <stdbool.h>
 #include <stdlib.h>
@@ -80,7 +80,7 @@ static double value_at(const instance *m, size_t vr, size_t element)
 static bool may_be_set(const instance *m, size_t vr, size_t element, double value)
 {
     if (vr != TIME) return settable(m, scalar_index(&ARRAY[vr], element), value);
-    report(m, fmi3Error, "%s is set by the steps", ARRAY[vr].name);
+    report(m, fmi3Error, "%s is set by the steps, not by the host", ARRAY[vr].name);
     return false;
 }
 
@@ -89,7 +89,7 @@ static bool may_be_set(const instance *m, size_t vr, size_t element, double valu
     for (size_t i = 0, k = 0; i < n; ++i)                                                                         \
         for (size_t e = 0; e < ARRAY[vr[i]].size * ARRAY[vr[i]].fins; ++e, ++k)
 
-/* The conversions lose nothing, since a call sets only values of its own type. */
+/* The conversions lose nothing: a call gets and sets only variables of its type. */
 #define DEFINE_ACCESS(Kind, type)                                                                                 \
     fmi3Status fmi3Get##Kind(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3##Kind value[],          \
                              size_t count)                                                                         \
@@ -194,7 +194,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
     return m;
 }
 
-/* Log that a kind of simulation is not supported. */
+/* Log that a kind of simulation is not supported; return no instance. */
 static fmi3Instance no_instance(fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger, const char *kind)
 {
     const instance none = {.host = {.environment = environment, .logger = logger}, .logged = EVERY_CATEGORY};
