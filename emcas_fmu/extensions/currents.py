@@ -50,8 +50,8 @@ def mean_square(ops: Ops, actuator: Actuator, p: Any, x: Record, u: PlantInputs,
                 ) -> Value:
     """Return the mean of i^2 [A^2] over the `used` [s] of a step of `h` [s] from `x` to `moved`.
 
-    The course of the current is an exponential, a line if the equations of the drive do not step it, and constant with
-    an ideal current loop.
+    The course of the current is an exponential, a line if the equations of the drive do not step the motor, and
+    constant with an ideal current loop.
     """
     current = flowing(ops, actuator, p, x, u)
     if capabilities.DRIVE_STEP not in actuator.provides:

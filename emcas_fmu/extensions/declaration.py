@@ -25,8 +25,8 @@ class Extension:
     available to later extensions. `extend(actuator)` returns the actuator with more states and other equations, to
     which `parameters(actuator)`, `outputs`, `rules(actuator)` and `imperfections(actuator)` are appended. `references`
     names the independent integrations that include the extension. An extension in the path of the command names its
-    `command_switch`, the parameter that removes it at 0, since loops are opened without it; if an actuator other than
-    the default one has a value above 0, a warning names the values that are still those for the default actuator.
+    `command_switch`, a parameter that removes it at 0: tools that open the loops set it to 0. If it is above 0 in
+    another actuator than the default one, a warning names the values that are still those for the default actuator.
     """
 
     name: str

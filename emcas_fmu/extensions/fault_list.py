@@ -166,7 +166,7 @@ def grown(faults: Iterable[PlantFault]) -> tuple[Grown, ...]:
 
 
 def active(ops: Ops, p: Any, x: Record, faults: Iterable[PlantFault], time: Value) -> dict[str, Value]:
-    """Return by name whether each fault is active in a sample at `time` [s]: switched on or scheduled.
+    """Return by name whether each fault is active in a sample at `time` [s from the start]: switched on or scheduled.
 
     A lasting fault that was active in the last sample remains active.
     """

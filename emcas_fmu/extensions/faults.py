@@ -1,4 +1,4 @@
-"""Faults of an actuator, switched while running or scheduled, and a built-in test that detects them.
+"""Faults of an actuator, switched during the run or scheduled, and a built-in test that may detect them.
 
 A fault begins and ends with a sample of the controllers (:mod:`emcas_fmu.extensions.fault_list`). Without a fault the
 trajectories are those of the actuator, bit for bit. The encoder reads
@@ -6,10 +6,10 @@ trajectories are those of the actuator, bit for bit. The encoder reads
     seen = angle + offset + bias        offset += gain (moved - share max(moved, 0)) - moved
 
 `moved` is the motion since the last sample, `gain` is 0 while the encoder is frozen, -1 while it is reversed, else 1;
-`share` is the lost part of the counts of positive motion. Motion that the encoder has missed remains missing, as in an
-incremental encoder. A jam blocks the rotor; behind an elastic drive line the fin may still move. A broken shaft
-(:mod:`emcas_fmu.physics.free_fin`) and a grown gap last until reset. Faults of the plant change its parameters from the
-sample with which they begin; their amounts may change between samples.
+`share` is the lost part of the counts of positive motion, `bias` the excess of the reading. Motion that the encoder has
+missed remains missing, as in an incremental encoder. A jam blocks the rotor; behind an elastic drive line the fin may
+still move. A broken shaft (:mod:`emcas_fmu.physics.free_fin`) and a grown gap last until reset. Faults of the plant
+change its parameters from the sample with which they begin; their amounts may change between samples.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def extend(actuator: Actuator) -> Actuator:
 
 
 class _Faulty:
-    """The functions of an actuator with faults and monitors; they call those of the `actuator` without."""
+    """The functions of an actuator with faults and monitors; they call those of the `actuator`, which has neither."""
 
     def __init__(self, actuator: Actuator) -> None:
         self.actuator, self.has_status = actuator, STATUS in actuator.outputs
@@ -247,7 +247,7 @@ class _Faulty:
         # Without a fault the angle is unchanged to the bit.
         (position,) = ops.branch(wrong, lambda: (self._read(ops, plant, angle + offset, bias),),
                                  lambda: (inputs.position,))
-        # The speed is that of the motor's encoder, even with another one on the fin.
+        # With an encoder on the fin, the states are read by the motor's encoder, which has no fault.
         as_read = {angle_name: position, rate_name: counting * speed}
         if self.geared:
             as_read = {name: ops.where(plant.encoder.on_fin, getattr(x, name), counted)

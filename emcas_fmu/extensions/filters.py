@@ -4,7 +4,7 @@ The controllers, including their load observer, use the observed speed instead o
 is behind the controllers and also filters the feed-forward; the anti-windup of the controllers uses the reference
 before the notch. The notch is at rest while the drive is disabled. :mod:`emcas_fmu.control.filters` has the equations.
 
-With filters.speed_bandwidth = 0 and filters.notch_frequency = 0 the actuator is unchanged.
+filters.speed_bandwidth = 0 removes the observer, filters.notch_frequency = 0 the notch.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ def extend(actuator: Actuator) -> Actuator:
                    feed_forward=None if actuator.feed_forward is None else feed_forward)
 
 
-@rule("filters.notch_frequency = %.6g rad/s must be below half the sample rate, pi/controller.sample_time = %.6g rad/s")
+@rule("filters.notch_frequency = %.6g rad/s must be at least a hundredth below half the sample rate, "
+      "pi/controller.sample_time = %.6g rad/s")
 def _sampled(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     highest = pi / p.controller.sample_time
     return when(ops, p.filters.notch_frequency > 0.99 * highest), p.filters.notch_frequency, highest

@@ -8,7 +8,8 @@ controllers, the drive with its transport delay to the plant, which reads the re
 samples set and steps use, such as those of the extensions homing and faults, are signals from controllers to plant.
 
 Both halves have the parameters of the whole, and sample every controller.sample_time from the start. If the controllers
-step first and the plant then reads their reference, the trajectory equals that of the whole to the bit.
+step first, the plant then reads their reference, and the communication step is the sample time or an integer part of
+it, the trajectory equals that of the whole to the bit.
 """
 
 from __future__ import annotations
@@ -108,7 +109,7 @@ def _plant(actuator: Actuator) -> Actuator:
         return {"reference": getattr(inputs, identifier(signals.reference.name))}
 
     def output_values(ops: Ops, p: Any, x: Record, u: PlantInputs) -> Values:
-        # The states instead of outputs with their names, which may depend on inputs: that would be an algebraic loop.
+        # A measured state replaces the output of its name, which may depend on inputs: an algebraic loop.
         return {**_only(actuator.output_values(ops, p, x, u), shown), **_only(vars(x), signals.measured)}
 
     return replace(

@@ -1,4 +1,4 @@
-"""Heat: temperatures of winding and case, which change resistance and torque constant, and the drive's I2t limit.
+"""Heat: temperatures of winding and case, which change the motor's resistance and constants, and the drive's I2t limit.
 
 The equations are those of :mod:`emcas_fmu.physics.heat`. During a step the motor has the temperatures at mid-step,
 predicted from the current at the start; the heat is the loss in the resistance at that temperature. The error of both
@@ -7,8 +7,8 @@ controllers do not know the temperatures: friction compensation uses the torque 
 
 The mean of i^2 is that of an exponential course of the current between the ends of a step
 (:mod:`emcas_fmu.steppers.rigid`), or of a constant current with an ideal current loop. If the motor is not stepped by
-these equations, the course is a line: the error is also of second order in the tick, which must resolve the winding's
-time constant.
+these equations, the course is a line: the error is also of second order if the tick is short compared with the
+winding's time constant.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ I2T_OUTPUTS = (
 
 
 def extend(actuator: Actuator) -> Actuator:
-    """Return the actuator with heat, and with the I2t limit if it limits its current."""
+    """Return the actuator with heat and, if its drive has a current limit, with the I2t limit."""
     limits = capabilities.CURRENT_LIMIT in actuator.provides
     ambient = () if capabilities.AMBIENT_TEMPERATURE in actuator.provides else (AMBIENT,)
 

@@ -1,7 +1,7 @@
 """Homing on the hard stops: a drive with an incremental encoder determines the angle of its fin.
 
-At power-on the controllers assume that the fin is at zero: the offset of the encoder's counts is minus the true counts
-at fin.start_angle. A rising edge of `home` starts a run (:mod:`emcas_fmu.extensions.homing_run`):
+With homing.required the controllers assume at the start that the fin is at zero: the offset of the encoder's counts is
+minus the true counts at fin.start_angle. A rising edge of `home` starts a run (:mod:`emcas_fmu.extensions.homing_run`):
 
     unreferenced -> seeking (one stop) -> crossing (to the other) -> returning (to zero) -> ready
                     any of these -> failed (wrong travel, way back blocked, timeout) or unreferenced (disabled)
@@ -85,11 +85,11 @@ def extend(actuator: Actuator) -> Actuator:
 
 
 def _rules(actuator: Actuator) -> tuple[Rule, ...]:
-    @rule("homing.timeout = %.6g s must be above %.6g s: two ways between the stops and one to zero at homing.speed, "
-          f"each with homing.travel_tolerance, 3 homing.stall_time, and {SETTLES:g} s to settle")
+    @rule("homing.timeout = %.6g s must be above %.6g s: two ways between the stops, one to zero and 2.5 "
+          f"homing.travel_tolerance at homing.speed, 3 homing.stall_time, and {SETTLES:g} s to settle")
     def time(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         # From one stop to the other, back to the first and to zero, each followed by the time of a stall. At a constant
-        # motor speed zero is not the middle in time. Each way may be longer than the travel by the tolerance.
+        # motor speed zero is not the middle in time. A way between the stops may be longer by the tolerance.
         stop = p.fin.stop_angle
         if homing_run.run_in_cascade(actuator):
             initial = actuator.equation_parameters(ops, p).kinematics.initial_angle
@@ -105,7 +105,7 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
           "a stop, brings the fin from rest to homing.speed = %.6g rad/s, drive.transport_delay included; raise "
           "homing.stall_time or homing.reference_limit, or lower homing.speed")
     def stall(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-        # A motor that still accelerates may look stalled, for the shortest time at the lever's smallest ratio, d/l.
+        # A motor that accelerates may look stalled. It accelerates for the shortest time at the smallest ratio, d/l.
         p = actuator.equation_parameters(ops, p)
         push, stop, coulomb = drive.stall_torque(p, p.homing.reference_limit), p.fin.stop_angle, p.friction.coulomb
         friction = ops.maximum(coulomb_polynomial(coulomb.positive, stop), coulomb_polynomial(coulomb.negative, -stop))

@@ -1,4 +1,4 @@
-"""A homing run, sample by sample. Positions are encoder readings in counts, with the encoder off true angles in counts.
+"""A homing run, sample by sample. Positions are encoder readings [counts]; if encoder.enabled is false, true angles.
 
 During a run the position is measured from a target that moves at homing.speed, and the command is zero. The loops, with
 their normal gains, then follow the target whatever the unknown angle of the fin is, and command.limit has no effect. In
@@ -10,8 +10,8 @@ with their lag, and their anti-windup holds their integrals at a stop.
     crossing   towards the other stop until a stall; the run fails if the travel differs from 2 stop_angle
     returning  the offset is set so that both stops are at the same distance, then the fin moves to zero
 
-An error that is the same at both stops, such as the compliance and the gap of an elastic drive line, does not change
-the zero.
+Without homing.verify seeking is followed by returning, with the offset from the first stop. With both stops an error
+that lengthens the travel equally on both sides, such as compliance and gap of a drive line, does not change the zero.
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     fails = ops.either(ops.either(lost, elapsed > p.homing.timeout), ops.equal(after, FAILED))
     after = ops.where(fails, FAILED, after)
 
-    # The change of the offset, in whole counts; at a reversal the measurements of the phase begin again.
+    # The offset changes by whole counts if the encoder is on; at a reversal the measurements of the phase begin again.
     error = ops.where(seeks, way.first - position, way.middle - 0.5 * (position + origin))
     shift = ops.where(sets, ops.where(p.encoder.enabled, ops.floor(error + 0.5), error), 0.0)
     here = position + shift

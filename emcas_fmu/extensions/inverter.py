@@ -44,7 +44,7 @@ class _Opposing(NamedTuple):
 
 
 def extend(actuator: Actuator) -> Actuator:
-    """Return the actuator with this inverter."""
+    """Return the actuator with dead time and diodes."""
     assert actuator.supply is not None  # RETURNS_POWER
     power = actuator.supply.power.name
 

@@ -3,10 +3,12 @@
     dz/dt = w - sigma_0 |w| z/g(w)            g = C_m (1 + (s - 1) exp(-(w/w_s)^2)) + C_f/R
     torque = sigma_0 z + sigma_1(w) dz/dt     sigma_1(w) = sigma_1/(1 + sigma_1 |w|/g)
 
-after Canudas de Wit, Olsson, Astrom and Lischinsky (1995), "A new model for control of systems with friction", IEEE
-Transactions on Automatic Control 40 (3), 419-425, in addition to the viscous friction; C_f is the dry friction about
-the hinge. The power of friction minus the rate of sigma_0 z^2/2 is a quadratic form of dz/dt and z, which is never
-negative if sigma_1 |w| <= 4 g. As the damping fades with speed, q = sigma_1(w) |w|/g < 1 for any sigma_1, and
+w is the motor's speed, z the bristles' mean deflection, C_m the Coulomb friction at the motor, C_f the dry friction
+about the hinge, R the ratio of motor to fin speed. Viscous friction is added to the torque. The model is that of
+Canudas de Wit, Olsson, Astrom and Lischinsky (1995), "A new model for control of systems with friction", IEEE
+Transactions on Automatic Control 40 (3), 419-425. The power of friction minus the rate of sigma_0 z^2/2 is a quadratic
+form of dz/dt and z, which is never negative if sigma_1(w) |w| <= 4 g. As the damping fades with speed,
+q = sigma_1(w) |w|/g < 1 for any sigma_1, and
 
     torque = (1 - q) sigma_0 z + q g sgn w
 

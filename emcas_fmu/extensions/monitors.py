@@ -6,8 +6,8 @@ homing. The measured angle is compared with a model of the response to the comma
 
     dm/dt = clip(K (command - m), +-rate)
 
-with the gain K of the position loop, or monitor.response, so that neither the lag v/K of a normal loop nor the duration
-of a large step trips the monitor.
+with the largest rate monitor.rate, and as K the gain of the position loop in a cascade, otherwise monitor.response, so
+that neither the lag v/K of a sound loop at a rate v nor the duration of a large step trips the monitor.
 """
 
 from __future__ import annotations

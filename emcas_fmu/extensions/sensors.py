@@ -1,9 +1,10 @@
 """Errors of the sensors: the drive's current sensor, and the encoder of position (:mod:`.control.sensor_errors`).
 
-Actuators whose drive has a current loop and a current limit have the current sensor. The encoder with errors is the one
-that measures the position. If it is the motor's, the measured speed has the same error. If it is the fin's
-(`encoder.on_fin`), the motor's encoder, which then measures the speed, is exact. Speed that is fed back without counts
-(`encoder.enabled` = false) has no noise. `heat` computes the current within a tick as if the sensor were exact.
+Only actuators with a current limit and a current loop that the package's drive equations step have the current sensor.
+The encoder with errors is the one that measures the position. If it is the motor's, the speed has the error's rate of
+change. If it is the fin's (`encoder.on_fin`), the motor's encoder, which then measures the speed, is exact. Speed that
+is fed back without counts (`encoder.enabled` = false) has no noise. `heat` computes the current within a tick as if the
+sensor were exact.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The output `status`, which several extensions share; each changes the status of the extensions before it."""
+"""The output `status`, which several extensions share; each computes it from that of the extensions before it."""
 
 from __future__ import annotations
 

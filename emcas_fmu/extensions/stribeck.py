@@ -2,11 +2,12 @@
 
     C_m (1 + (s - 1) exp(-(w/w_s)^2))
 
-(:mod:`emcas_fmu.physics.friction`). Stick remains exact, up to s C_m. With a ratio s below 1 friction builds up with
-speed, as was measured on a greased ball screw (docs/model/measured.md); 1 is neutral.
+C_m is the Coulomb friction at the motor, w the motor's speed (:mod:`emcas_fmu.physics.friction`). The motor still
+sticks exactly, up to a torque of s C_m. With a ratio s below 1 friction rises with speed, as was measured on a greased
+ball screw (docs/model/measured.md); 1 is neutral.
 
 A step uses the friction at the speed predicted for mid-step. The error is of second order if a tick is short compared
-with J w_s/((s - 1) C_m), the time in which the excess friction accelerates a motor of inertia J by w_s. Dry friction
+with J w_s/(|s - 1| C_m), the time in which that difference accelerates a motor of inertia J by w_s. Dry friction
 about the hinge does not change, nor does the friction compensation of the controller, which uses C_m.
 """
 
@@ -27,7 +28,7 @@ PARAMETERS = (
 
 
 def extend(actuator: Actuator) -> Actuator:
-    """Return the actuator with this friction."""
+    """Return the actuator with Stribeck friction at the motor."""
     return replace(actuator, structure=replace(actuator.structure, stribeck=True))
 
 

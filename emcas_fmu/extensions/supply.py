@@ -31,7 +31,7 @@ STATES = (State("link_voltage", "V", "voltage of the DC link; -1 before the firs
           State("supply_tripped", "1", "1 while the under-voltage trip holds the bridge open"),
           State("supply_charge", "A.s", "charge from the source since the start"))
 _UNCHARGED = -1.0  # V, link voltage before the first step, in which it becomes the source's
-# Largest phase [rad] in a tick of the oscillation of winding and link while the motor is at its voltage limit.
+# Largest phase [rad] by which the oscillation of winding and link at the voltage limit may advance in a tick.
 _PHASE = 0.25
 
 PARAMETERS = in_group(
@@ -71,18 +71,18 @@ def _link(ops: Ops, p: Any, x: Record, source: Value, enable: Value) -> tuple[Va
 
 
 def _inverse_inductance(ops: Ops, p: Any, interval: Value) -> Value:
-    """Return the 1/L [1/H] that acts on the line like R_s and C during an interval [s]."""
+    """Return the effective 1/L [1/H] on the line, of source resistance and link capacitance, in an interval [s]."""
     return supply.admittance(ops, p, interval) / interval
 
 
 def _course(ops: Ops, p: Any, x: Record, current: Value, before: Value, interval: Value) -> tuple[Value, Value]:
-    """Return the charge [A.s] from the source since the start, and the mean current [A] ahead; see :class:`Supply`."""
+    """Return the charge [A.s] from the source since the start, and its mean current [A] in the next interval [s]."""
     mean = (x.supply_charge - before) / interval
     return x.supply_charge, supply.mean_ahead(ops, p, current, mean, interval)
 
 
 def extend(actuator: Actuator) -> Actuator:
-    """Return the actuator with this supply."""
+    """Return the actuator fed by a source through a DC link."""
     stepped = capabilities.DRIVE_STEP in actuator.provides
 
     def electrical(ops: Ops, p: Any, x: Record, u: PlantInputs) -> tuple[Value, Value]:
@@ -98,9 +98,9 @@ def extend(actuator: Actuator) -> Actuator:
         return actuator.sample(ops, p, x, inputs.replace(supply=link, enable=enabled))
 
     def ahead(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Value:
-        """Return the mean power [W] of motor and inverter over the next `h` [s] at a constant back-EMF and integral.
+        """Return the mean power [W] of motor and inverter over the next `h` [s]; back-EMF and drive integral are held.
 
-        Without the equations of the drive, return the present power.
+        If the drive's equations do not step the motor, return the present power.
         """
         voltage, current = electrical(ops, p, x, u)
         if not stepped:
@@ -110,7 +110,7 @@ def extend(actuator: Actuator) -> Actuator:
         final = (mode.source - drive.back_emf(built, x.motor_speed)) / mode.loop
         reached = final + (current - final) * ops.exp(-h / mode.tau)
         change = ops.where(u.enabled, reached - current, 0.0)
-        falls = (mode.loop - built.motor.resistance) * change  # with the current, where the loop is closed
+        falls = (mode.loop - built.motor.resistance) * change  # a closed loop lowers the voltage as the current rises
         return _mean_power(ops, p, (voltage, current), (voltage - falls, current + change), h / mode.tau)
 
     def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:

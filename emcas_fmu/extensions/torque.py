@@ -2,15 +2,16 @@
 
     hinge_angle, hinge_rate, fin_command, enable, supply  ->  actuator_torque, armature, and the other outputs
 
-Rotor and fin are rigidly connected, and the rotor's inertia, reflected to the hinge, is the larger. A torque that
-contains it would be proportional to an acceleration that the host computes from that torque, and would grow from step
-to step. The host therefore adds the reflected inertia to the fin's inertia J_f, as the constant `armature`
+Rotor and fin are rigidly connected, and the rotor's inertia, reflected to the hinge, is usually the larger. A torque
+that contains it would be proportional to an acceleration that the host computes from that torque, and would grow from
+step to step. The host therefore adds the reflected inertia to the fin's inertia J_f, as the constant `armature`
 
-    A = J_t R(0)^2        J = J_f + A        J_t of (2.8), R the ratio at fin angle 0
+    A = J_t R(0)^2        J = J_f + A        J_t motor, screw and nut, R(0) at fin angle 0
 
 The actuator with its own fin, the inner fin, runs unchanged. At the beginning of each step of the host, of length h,
-the inner fin gets the host's angle and rate, and an estimate T of all other moments on the host's fin from the previous
-step. The torque is constant over the step and brings the host's fin to the rate W of the inner fin at the step's end:
+the inner fin gets the host's angle and rate, and an estimate T, from the previous step, of all moments on the host's
+fin except the actuator's. The torque is constant over the step. It brings the host's fin to the rate W of the inner fin
+at the step's end:
 
     torque = J (W - w) / h - T        T <- T + J (w' - W) / h        w, w' the host's rate before and after a step
 
@@ -18,10 +19,10 @@ Friction, stops, limits and the lever's ratio are the inner fin's. While it slid
 the motor minus friction, whatever T and J_f are.
 
 A host that integrates by semi-implicit Euler advances the angle by h w': its rate is the mean over the step, which a
-smooth motion has half a step earlier. W is then the mean rate of the inner fin, which continues with its rate plus
-3/2 (w' - W), since the difference lasts for another half step. The host's angles and rates show whether the host
-integrates in this way. The fin of any other host passes a stop by its motion in a step, and returns by a third of the
-remaining way in each step, without overshoot.
+smooth motion has half a step before its end. W is then the mean rate of the inner fin, which continues with its rate
+plus 3/2 (w' - W), since the difference lasts for another half step. The host's angles and rates show whether the host
+integrates in this way. The fin of any other host may pass a stop by its motion in a step; it then returns by a third of
+the remaining way in each step, without overshoot.
 """
 
 from __future__ import annotations

@@ -3,13 +3,14 @@
     C_f -> C_f + s |T_a|          C_m -> C_m (1 + a cos(theta - theta_0))
 
 C_f is the Coulomb friction about the hinge and C_m that at the motor (:mod:`emcas_fmu.physics.mechanics`), T_a the
-aerodynamic hinge moment, theta the motor's angle. A bearing of the bore d under a radial force F has the friction
-mu F d/2 (JTEKT, "Frictional coefficient", table 8-1); a fin's lift at the distance e from the hinge loads its
-two bearings with k = 1 + 2 b/c times the lift, acting at b outside bearings that are c apart: s = mu k d/(2 e). Lift is
-not an input: the model uses |T_a|/e. The variation over a revolution is that of an eccentric screw or gear.
+aerodynamic hinge moment, theta the motor's angle. A bearing of bore d under a radial force F has the friction mu F d/2
+(JTEKT, "Frictional coefficient", table 8-1). A fin's lift acts at a distance e from the hinge axis, and along this axis
+at a distance b outside the fin's two bearings, which are c apart. The sum of their forces is k = 1 + 2 b/c times the
+lift: s = mu k d/(2 e). Lift is not an input: the model uses |T_a|/e. The variation over a revolution is that of an
+eccentric screw or gear.
 
 A step uses the friction at the angle predicted for mid-step. The error is of second order in the tick, and 0 at rest.
-Friction is never below 0, since a is below 1 and s is not negative: no step creates energy.
+As a is below 1 and s is not negative, friction is not below 0 and creates no energy.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def varied(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> Any:
 
 
 def extend(actuator: Actuator) -> Actuator:
-    """Return the actuator with this friction."""
+    """Return the actuator with uneven friction."""
     def step(ops: Ops, p: Any, x: Record, u: PlantInputs, h: Value) -> tuple[Values, Value]:
         return actuator.step(ops, varied(ops, p, x, u, h), x, u, h)
 
