@@ -1,12 +1,12 @@
 """Faults of an actuator, switched during the run or scheduled, and a built-in test that may detect them.
 
 A fault begins and ends with a sample of the controllers (:mod:`emcas_fmu.extensions.fault_list`). Without a fault the
-trajectories are those of the actuator, bit for bit. The encoder reads
+trajectories are those of the actuator, bit for bit. The position sensor reads
 
     seen = angle + offset + bias        offset += gain (moved - share max(moved, 0)) - moved
 
-`moved` is the motion since the last sample, `gain` is 0 while the encoder is frozen, -1 while it is reversed, else 1;
-`share` is the lost part of the counts of positive motion, `bias` the excess of the reading. Motion that the encoder has
+`moved` is the motion since the last sample, `gain` is 0 while the sensor is frozen, -1 while it is reversed, else 1;
+`share` is the lost part of the counts of positive motion, `bias` the excess of the reading. Motion that the sensor has
 missed remains missing, as in an incremental encoder. A jam blocks the rotor; behind an elastic drive line the fin may
 still move. A broken shaft (:mod:`emcas_fmu.physics.free_fin`) and a grown gap last until reset. Faults of the plant
 change its parameters from the sample with which they begin; their amounts may change between samples.

@@ -6,7 +6,7 @@ Rotor and fin are rigidly connected, and the rotor's inertia, reflected to the h
 that contains it would be proportional to an acceleration that the host computes from that torque, and would grow from
 step to step. The host therefore adds the reflected inertia to the fin's inertia J_f, as the constant `armature`
 
-    A = J_t R(0)^2        J = J_f + A        J_t motor, screw and nut, R(0) at fin angle 0
+    A = J_t R(0)^2        J = J_f + A        J_t at the motor, R(0) at fin angle 0
 
 The actuator with its own fin, the inner fin, runs unchanged. At the beginning of each step of the host, of length h,
 the inner fin gets the host's angle and rate, and an estimate T, from the previous step, of all moments on the host's
@@ -65,7 +65,7 @@ def _ratio(ops: Ops, p: Any, motor_angle: Value) -> Value:
 
 
 def armature(ops: Ops, p: Any) -> Value:
-    """Return the inertia [kg.m2] of motor and screw about the hinge at fin angle 0, from the parameters as built."""
+    """Return the inertia [kg.m2] that turns with the motor, about the hinge at fin angle 0; `p` are those as built."""
     ratio = _ratio(ops, p, kinematics.motor_angle(ops, p, 0.0))
     return mechanics.screw_inertia(p) * ratio * ratio
 

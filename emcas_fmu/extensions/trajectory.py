@@ -48,7 +48,7 @@ _ALONE = {"controller.position.setpoint_weight": 1.0, "controller.position.veloc
 """Parameters of controllers that follow a motion with its rate fed forward at every sample."""
 _INTEGRAL = "controller.position.ki"
 _INTEGRALS = (_INTEGRAL, "controller.velocity.ki")
-_NONE = 1e-12  # lost share up to which a motion is not slowed down; a solved rest has rounding errors
+_NONE = 1e-12  # lost share of a sample's travel up to which the motion is not slowed down; rounding leaves less
 
 
 def extend(actuator: Actuator) -> Actuator:
@@ -70,7 +70,7 @@ def _resting(angle: Value) -> dict[str, Value]:
 
 
 def _changed(ops: Ops, p: Any, actuator: Actuator, when: Value, values: Mapping[str, Value]) -> Any:
-    """Return parameters with other values of those that the actuator has, where a condition holds."""
+    """Return the parameters; where a condition holds, those of `values` that the actuator has are replaced."""
     declared = {v.name for v in actuator.parameters}
     return with_values_where(ops, when, p, {name: value for name, value in values.items() if name in declared})
 
@@ -108,7 +108,7 @@ def _sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
             integral, overload = trajectory.integral(
                 ops, p, distance, out["limited"], x.trajectory_overload, x.integral, out["integral"])
             out["integral"] = ops.where(ops.both(follows, observes), integral, out["integral"])
-        # Without integral and observer a load leaves a steady error.
+        # Without integral and observer a load leaves a steady error, which would slow every motion.
         excess, lost = (ops.where(slows, value, 0.0) for value in trajectory.excess(ops, p, motion, distance))
     values = (trajectory.slowed(motion, lost), motion.acceleration, memory, lost, overload)
     line = (motion.next_angle, *angles[:-1])
