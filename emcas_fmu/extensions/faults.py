@@ -247,7 +247,7 @@ class _Faulty:
         # Without a fault the angle is unchanged to the bit.
         (position,) = ops.branch(wrong, lambda: (self._read(ops, plant, angle + offset, bias),),
                                  lambda: (inputs.position,))
-        # With an encoder on the fin, the states are read by the motor's encoder, which has no fault.
+        # With an encoder on the fin, the motor's encoder reads these states; it has no fault.
         as_read = {angle_name: position, rate_name: counting * speed}
         if self.geared:
             as_read = {name: ops.where(plant.encoder.on_fin, getattr(x, name), counted)

@@ -1,4 +1,4 @@
-"""A homing run, sample by sample. Positions are encoder readings [counts]; if encoder.enabled is false, true angles.
+"""A homing run, sample by sample. Positions [counts] are encoder readings or, without encoder.enabled, true angles.
 
 During a run the position is measured from a target that moves at homing.speed, and the command is zero. The loops, with
 their normal gains, then follow the target whatever the unknown angle of the fin is, and command.limit has no effect. In

@@ -6,12 +6,12 @@ Rotor and fin are rigidly connected, and the rotor's inertia, reflected to the h
 that contains it would be proportional to an acceleration that the host computes from that torque, and would grow from
 step to step. The host therefore adds the reflected inertia to the fin's inertia J_f, as the constant `armature`
 
-    A = J_t R(0)^2        J = J_f + A        J_t at the motor, R(0) at fin angle 0
+    A = J_t R(0)^2        J = J_f + A
 
-The actuator with its own fin, the inner fin, runs unchanged. At the beginning of each step of the host, of length h,
-the inner fin gets the host's angle and rate, and an estimate T, from the previous step, of all moments on the host's
-fin except the actuator's. The torque is constant over the step. It brings the host's fin to the rate W of the inner fin
-at the step's end:
+with the inertia J_t at the motor, and the ratio R(0) of motor to fin speed at fin angle 0. The actuator with its own
+fin, the inner fin, runs unchanged. At the beginning of each step of the host, of length h, the inner fin gets the
+host's angle and rate, and an estimate T, from the previous step, of all moments on the host's fin except the
+actuator's. The torque is constant over the step. It brings the host's fin to the inner fin's rate W at the step's end:
 
     torque = J (W - w) / h - T        T <- T + J (w' - W) / h        w, w' the host's rate before and after a step
 

@@ -84,7 +84,7 @@ def _docstring(module: ModuleType) -> str | None:
 
 def _card(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
           platforms: Sequence[str], experiments: Sequence[EmbeddedExperiment]) -> Card:
-    """Return the credibility card of an FMU; it contains no date, so that every build has the same."""
+    """Return the credibility card of an FMU; it is the same in every build."""
     configuration = [Fact("FMU", f"FMI {fmi.version}, back end {backend}, for {', '.join(platforms)}", note=guid)]
     reference = Path(str(get(parts(interface.kind)[0]).reference)).name
     # Two digits, since an integration may differ in the last bits between machines.
