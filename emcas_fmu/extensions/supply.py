@@ -76,7 +76,7 @@ def _inverse_inductance(ops: Ops, p: Any, interval: Value) -> Value:
 
 
 def _course(ops: Ops, p: Any, x: Record, current: Value, before: Value, interval: Value) -> tuple[Value, Value]:
-    """Return the source's charge [A.s] since the start and mean current [A] in the next interval; see :class:`Supply`."""
+    """Return the source's charge [A.s] from the start, and mean current [A] in the next interval; see `Supply`."""
     mean = (x.supply_charge - before) / interval
     return x.supply_charge, supply.mean_ahead(ops, p, current, mean, interval)
 

@@ -1,9 +1,9 @@
 /* Steps that end at events, at which a discrete output changes, or a fin sticks or breaks away. Included by fmi3.c.
  *
- * An event is detected just after the beginning of a tick, where a sample or a reference acts, or at the tick's end. It
- * is then located by bisection, with steps from copies of the state, to within the tolerance of communication points.
- * The trajectory is that of one long step, since it does not depend on communication points. A change that begins and
- * ends between these instants is detected only if a step ends within it.
+ * An event is detected just after the beginning of a tick, where a sample or a reference acts, at the tick's end, or at
+ * an update of the fins' line. It is then located by bisection, with steps from copies of the state, to within the
+ * tolerance of communication points. The trajectory is that of one long step, since it does not depend on communication
+ * points. A change that begins and ends between these instants is detected only if a step ends within it.
  */
 #ifndef EMCAS_EVENTS_H
 #define EMCAS_EVENTS_H
