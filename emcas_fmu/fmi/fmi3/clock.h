@@ -12,7 +12,7 @@ fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
     return fmi3OK;
 }
 
-/* Activating the clock is allowed only at a sample. It does not change the controllers, which also sample without it. */
+/* Activating the clock is allowed only at a sample, and changes nothing: the controllers also sample without it. */
 fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Clock value[])
 {
     instance *m = c;
