@@ -96,7 +96,7 @@ def _card(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, back
 
 
 def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, fmi: Format,
-          platforms: Sequence[str], credibility: Card) -> str:
+          platforms: Sequence[str], credibility: Card, references: bool) -> str:
     from .pictures import response_pictures  # imports Matplotlib: a third of the start time of every command
 
     equations = [*interface.actuator.modules, schedule, *([interface.line.equations] if interface.line else [])]
@@ -105,7 +105,8 @@ def _page(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, back
     text = page("fmi/documentation.html.j2", credibility=credibility, actuator=interface.actuator,
                 model=interface.model, guid=guid, description=describe(interface), fins=interface.fins,
                 parameters=parameters_in_words(interface, sets), line=interface.line, backend=backend, fmi=fmi,
-                platforms=platforms, step_ms=_text(sets[0].values["controller.sample_time"] * 1e3), tables=tables,
+                platforms=platforms, references=references, tables=tables,
+                step_ms=_text(sets[0].values["controller.sample_time"] * 1e3),
                 pictures=() if interface.actuator.hidden else response_pictures(sets[0]),
                 equations=[list(_blocks(text)) for text in filter(None, map(_docstring, equations))])
     return interface.respelt(text)
@@ -129,7 +130,7 @@ def documents(interface: FmuInterface, sets: Sequence[ParameterSet], guid: str, 
     wrapper = ("pythonfmu-license.txt is the licence of PythonFMU: of the binaries, and of pythonfmu in resources.\n"
                if backend == "python" else "")
     texts = {
-        "index.html": _page(interface, sets, guid, backend, fmi, platforms, credibility),
+        "index.html": _page(interface, sets, guid, backend, fmi, platforms, credibility, bool(experiments)),
         Path(CARD_FILE).name: interface.respelt(json.dumps(credibility.as_dict(), indent=1, ensure_ascii=False)) + "\n",
         # Required by FMI 2.0.5, section 2.3; it refers to the other licences.
         "licenses/license.txt": f"{interface.model}.fmu was made by emcas-fmu {__version__}. {__copyright__}, "

@@ -159,7 +159,7 @@ def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
     """
     local = local_platform()
     if platforms is None:
-        names = list(PLATFORMS) if cc is None else [local.name] if local else []
+        names = list(PLATFORMS) if cc is None else [local.name if local else "of this machine"]
     else:
         by_machine = {machine: p.name for p in PLATFORMS.values() for machine in p.targets}  # FMI 3.0's names
         names = list(dict.fromkeys(by_machine.get(name, name) for name in platforms))

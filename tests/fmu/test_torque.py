@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -143,11 +144,14 @@ def test_inputs_terminal_and_page(name: str, files: Mapping[str, Path]) -> None:
     with ZipFile(files[name]) as archive:
         root = ElementTree.fromstring(archive.read("terminalsAndIcons/terminalsAndIcons.xml"))
         page = archive.read("documentation/index.html").decode()
+        names = archive.namelist()
     (hinge,) = (t for t in root.iter("Terminal") if t.get("name") == "hinge")
     assert [m.get("variableName") for m in hinge] == [
         "hinge_angle", "hinge_rate", "fin_angle", "fin_rate", "hinge_torque", "actuator_torque", "armature"]
     assert "apply <code>actuator_torque</code>" in page
     assert "half of an actuator" not in page
+    links = [link for link in re.findall(r'href="([^"#:]+)"', page) if f"documentation/{link}" not in names]
+    assert not links  # an FMU of this interface contains no responses
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
