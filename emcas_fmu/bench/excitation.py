@@ -1,7 +1,7 @@
 """The excitations of the bench: rows of an actuator's inputs, each held until the next row.
 
-Angles are in rad, moments in N.m, times in s, frequencies in Hz. Steps, sweeps and sines from rest begin after LEAD_IN
-at rest, a slew after SETTLE at its starting end. The loads of steps and slews rise within LOAD_RISE after the command.
+Angles are in rad, moments in N.m, times in s, frequencies in Hz. The kinds of `motions.py` begin after LEAD_IN at rest,
+a slew by default after SETTLE at its starting end; the load of a step or slew rises within LOAD_RISE after the command.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ class Excitation:
     """Inputs over time: `columns` by name, SI, with rows every `step` [s] from 0.
 
     For many runs a column is an array [runs, rows], or broadcasts to one. Rows are judged from `begin` [s] on. `spring`
-    is a stiffness [N.m/rad], a number or an array [runs]: this stiffness times the fin angle at the beginning of each
-    row is subtracted from the hinge moment. `start_values` are parameters by name that replace those of the subject.
-    Raises ArgumentError for columns with different numbers of rows, and unless `step` is above 0.
+    is a stiffness [N.m/rad], a number or an array [runs]: this stiffness times the fin angle at each row is
+    subtracted from the hinge moment until the next row. `start_values` are parameters by name that replace those of the
+    subject. Raises ArgumentError unless all columns have the same number of rows, 2 or more, and `step` is above 0.
     """
 
     title: str
@@ -94,11 +94,11 @@ class Excitation:
                      for row, (start, end) in zip(jumps, pairwise(ends), strict=True))
 
     def judged(self, time: Array) -> Any:
-        """Return whether each time [s] is judged: at `begin` or later, within rounding."""
+        """Return whether each time [s] is judged: at `begin` or later, with half a `step` of tolerance."""
         return np.asarray(time) > self.begin - self.step / 2
 
     def holding(self, columns: Mapping[str, Any]) -> Excitation:
-        """Return the excitation with additional inputs: columns, constants, or a constant for each run [runs, 1]."""
+        """Return the excitation with inputs added or replaced: columns, constants, or constants for runs [runs, 1]."""
         added = {name: np.broadcast_to(np.asarray(column, dtype=float),
                                          np.broadcast_shapes(np.shape(column), self.time.shape))
                    for name, column in columns.items()}
@@ -118,9 +118,9 @@ class Excitation:
 
 @checked
 def times(stop: float, step: float = STEP) -> Array:
-    """Return the times [s] of rows every `step` [s] from 0 to `stop` [s].
+    """Return the times [s] of rows every `step` [s] from 0 to the multiple of `step` that is nearest to `stop` [s].
 
-    Raises ArgumentError for no steps or too many.
+    Raises ArgumentError unless there are 1 to MOST_POINTS steps, and `step` is above 0.
     """
     if not (step > 0.0 and step / 2 < stop <= MOST_POINTS * step):
         raise ArgumentError(f"rows every {step:g} s up to {stop:g} s: expected 1 to {MOST_POINTS:g} steps above 0")
@@ -137,10 +137,10 @@ def _above_zero(name: str, value: float | Array, limit: float = inf) -> None:
 @checked
 def motion(kind: str, amplitude: float, duration: float, torque: float = 0.0, settle: float = SETTLE,
            step: float = STEP, first: float | None = 0.0, **frequencies: float) -> Excitation:
-    """Return the excitation of a kind of `motions.EXCITATIONS`, with rows until `duration` [s] after its beginning.
+    """Return the excitation of a kind of `motions.EXCITATIONS`, until `duration` [s] after the motion's beginning.
 
-    `amplitude` [rad] is that of the command, `torque` [N.m] acts about the hinge, and a slew is `settle` [s] at its
-    starting end. Its command in the `first` row [rad] is 0, with None that of the starting end. The kind's
+    `amplitude` [rad] is that of the command, `torque` [N.m] acts about the hinge. The command of a slew is that of the
+    starting end for `settle` [s], except in row 0: there it is `first` [rad], unless this is None. The kind's
     `frequencies` [Hz] are those of FIELDS by default. Raises ArgumentError for an unknown kind or frequency, and for a
     value out of its range.
     """
@@ -171,7 +171,7 @@ def motion(kind: str, amplitude: float, duration: float, torque: float = 0.0, se
 
 @checked
 def step_to(level: float, duration: float, load: float = 0.0, step: float = STEP) -> Excitation:
-    """Return a step from rest at zero to a level [rad], held for `duration` [s]; a `load` [N.m] rises with it."""
+    """Return a step from rest at zero to a level [rad], held for `duration` [s]; a `load` [N.m] rises after it."""
     return motion("step", level, duration, load, step=step)
 
 
@@ -197,8 +197,8 @@ def sine(amplitude: float, frequency: float | Array, cycles: float | Array = 6.0
 
     `amplitude` is in the input's unit. The last `cycles` are judged, after a transient of `settle`[0] cycles and at
     least `settle`[1] s. Under a cosine of the hinge moment a free inertia at rest does not drift, as it would under a
-    sine. Arrays of frequencies and `cycles` define a run for each element; all runs last, and are judged, as long as
-    the longest. Raises ArgumentError for a frequency or a number of cycles out of its range.
+    sine. Arrays of frequencies and `cycles` define a run for each element; all runs have the longest
+    duration and judged time of any. Raises ArgumentError for a frequency or a number of cycles out of its range.
     """
     _above_zero("frequency", frequency, FASTEST)
     _above_zero("cycles", cycles)
@@ -271,8 +271,8 @@ def csv_file(path: Path | str, step: float = STEP, stop: float | None = None, mo
 
     The excitation has rows every `step` [s] up to `stop` [s], by default up to the last row of the file. For several
     `fins` a column such as ``fin_command`` applies to all, ``fin[2].fin_command`` to one. Inputs are interpolated
-    between the file's rows, jump between two rows of the same time, and have the first row's values before it. Raises
-    EmcasError for a file that cannot be read, and for other columns or values.
+    between the file's rows, jump between two rows of the same time, and are constant before the first and after the
+    last row. Raises EmcasError for a file that cannot be read, and for other columns or values.
     """
     path = Path(path)
     table = read_columns(path)
@@ -295,7 +295,7 @@ def csv_file(path: Path | str, step: float = STEP, stop: float | None = None, mo
 
 
 def read_columns(path: Path) -> dict[str, Array]:
-    """Return the columns of a CSV file that begins with a line of names, quoted or not. Raises EmcasError."""
+    """Return the columns of numbers in a CSV file by the names in its first line. Raises EmcasError for other files."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, skipinitialspace=True)

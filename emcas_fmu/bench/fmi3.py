@@ -18,8 +18,8 @@ _ACCESS = {"Enumeration": "Int64"}
 
 @dataclass(frozen=True)
 class Element:
-    """An element of an array, or a scalar: name, kind and causality as in FMI 2.0, start value (text), value reference,
-    index in the array, number of elements of the array, and the array's name."""
+    """An element of an array, or a scalar: name, type in the FMU, kind and causality as in FMI 2.0, start value (text),
+    value reference, index in the array, number of elements of the array, and the array's name."""
 
     name: str
     type: str
@@ -38,7 +38,7 @@ class Element:
 
 
 def elements(description: Any, structured: Mapping[str, str]) -> tuple[Element, ...]:
-    """Return the variables of fmpy's model description in order, arrays by element, without time and clocks.
+    """Return the variables of fmpy's model description whose type is one of _TYPES, arrays by element, without time.
 
     `structured` maps the names of variables with flat names to structured names.
     """

@@ -31,10 +31,10 @@ _FIN = re.compile(r"fin\[\d+\]\.")
 
 @dataclass(frozen=True)
 class OpenedFmu:
-    """One fin of an unpacked FMU; `starts` are the start values of inputs and parameters.
+    """One fin of the FMU `path`, unpacked in `folder`; `description` is fmpy's. Other fins keep their start values.
 
-    All names are those of a single actuator, which `names` maps to the FMU's names. Other fins keep their start values.
-    `variables` are the FMU's variables, elements instead of arrays, with the structured names of FMI 2.0.
+    `starts` are the start values of inputs and parameters by the names of a single actuator; `names` maps these to the
+    names in `variables`: the FMU's variables, elements instead of arrays, with the structured names of FMI 2.0.
     """
 
     path: Path
@@ -85,7 +85,7 @@ class OpenedFmu:
             getattr(instance, f"set{kind}")([self.references[name]], [convert(value)])
 
     def require(self, names: Sequence[str], causality: str) -> None:
-        """Raise EmcasError if the FMU lacks variables of a causality; inputs may also be parameters."""
+        """Raise EmcasError if the FMU lacks one of `names` with a causality; a parameter also counts as an input."""
         present = {v.name for v in self.variables if v.causality == causality
                    or (causality == "input" and v.causality == "parameter")}
         if missing := [name for name in names if self.names.get(name, name) not in present]:
@@ -131,10 +131,10 @@ def chosen_model(file: str, name: str, model: str | None, error: type[EmcasError
 
 @contextmanager
 def opened(path: Path, fin: int | None = None, model: str | None = None) -> Iterator[OpenedFmu]:
-    """Unpack the FMU at `path` for the duration of the context. Raises EmcasError if it cannot run on this machine.
+    """Unpack the FMU at `path` for the duration of the context.
 
-    `fin`, from 1, selects one of several fins, by default the first. `model` is required for an FMU with flat names
-    whose modelName does not contain the model.
+    `fin`, from 1, selects one of several fins, by default the first. `model` is that of an FMU with flat names whose
+    modelName does not contain it. Raises EmcasError for a fin that is missing and a file that cannot run here.
     """
     if path.is_dir():
         raise EmcasError(f"{path}: is a folder, not an FMU")
@@ -147,7 +147,7 @@ def opened(path: Path, fin: int | None = None, model: str | None = None) -> Iter
         except Exception as error:
             raise EmcasError(f"{path}: is not an FMU that can be read ({' '.join(str(error).split())})") from error
     if not _IDENTIFIER.fullmatch(identifier := str(getattr(description.coSimulation, "modelIdentifier", "_"))):
-        raise EmcasError(f"{path}: its modelIdentifier {identifier!r} is not a C identifier, which names its library; "
+        raise EmcasError(f"{path}: its modelIdentifier {identifier!r}, the name of its library, is not a C identifier; "
                          "have the FMU built again")
     if description.coSimulation is None or description.fmiVersion not in ("2.0", "3.0"):
         raise EmcasError(f"{path}: is not a co-simulation FMU of FMI 2.0 or 3.0 (FMI {description.fmiVersion})")

@@ -26,8 +26,8 @@ SWEPT = (0.5, 24.0)  # Hz, range of the estimate: a sweep of 12 s to 30 Hz passe
 PURE = 0.9
 
 # Length and overlap of the Hann segments. A second is long compared with the actuator's impulse response: truncating a
-# response at a segment's end matters little. It is also short: when a harmonic has a frequency f, the command has
-# another frequency, and it passes f in another segment.
+# response at a segment's end matters little. It is short compared with the sweep: a harmonic of the response and the
+# command have the same frequency in different segments.
 SEGMENT = 1.0  # s
 OVERLAP = 15.0 / 16.0  # share of a segment
 # Share of the largest input power below which a frequency counts as not excited.
@@ -58,23 +58,23 @@ class FrequencyResponse:
 
     @property
     def bandwidths(self) -> tuple[float, float]:
-        """`crossings`, but nan where the limit is already exceeded at the lowest frequency."""
+        """`crossings`, but nan where the limit is already reached at the lowest frequency."""
         gain, phase = self.crossings
         return (nan if self.gain_db[0] <= -3.0 else gain, nan if np.degrees(self.phase[0]) <= -90.0 else phase)
 
     @property
     def bandwidth(self) -> float:
-        """Frequency [Hz] at which the gain falls to -3 dB; nan if it does not within the response."""
+        """Lowest frequency [Hz] at which the gain falls to -3 dB; nan if it does not within `frequency`."""
         return self.bandwidths[0]
 
     @property
     def phase_bandwidth(self) -> float:
-        """Frequency [Hz] at which the lag rises to 90 degrees; nan if it does not within the response."""
+        """Lowest frequency [Hz] at which the lag rises to 90 deg; nan if it does not within `frequency`."""
         return self.bandwidths[1]
 
     @property
     def stated(self) -> tuple[str, str]:
-        """Both bandwidths [Hz] as text; outside the response ``< `` or ``> `` and its end, a dash if it has gaps."""
+        """Both bandwidths [Hz] as text: ``< `` or ``> `` and an end of `frequency` if beyond it; a dash behind gaps."""
         complete = np.all(np.isfinite(self.gain)) and np.all(np.isfinite(self.phase))
         gain, phase = (f"< {number(at)}" if not isnan(at) and isnan(within) else
                        f"> {number(self.frequency[-1])}" if isnan(at) and complete else number(at)
@@ -94,8 +94,8 @@ def frequency_response(time: Array, command: Array, response: Array, low: float,
     """Return the H1 estimate S_cr / S_cc by Welch's method, from `low` to `high` [Hz], for a swept command.
 
     H1 (Bendat & Piersol, "Random Data", 4th ed., section 6.2) weights each segment by the command's power in it. The
-    harmonics of a nonlinear response occur while the sweep is at other frequencies and cancel: the result is the
-    fundamental, the describing function at the amplitude of the sweep. The response is first shifted back by its lag,
+    harmonics of a nonlinear response occur while the sweep is at other frequencies and have no weight: the result is
+    the fundamental, the describing function at the sweep's amplitude. The response is first shifted back by its lag,
     since a lag biases the estimate (ibid., section 11.3). Frequencies that the command does not excite are left out.
     The estimate is poor at frequencies that the sweep reaches within half a segment of its end. One sweep of 12 s from
     0.5 to 30 Hz gives a second-order system with delay within 1.5 % from 0.5 to 22 Hz, and within 5 % at 24 Hz.
@@ -142,8 +142,8 @@ def swept(response: FrequencyResponse) -> dict[str, float]:
 class Sines:
     """Sines of an input, a run for each `frequency` [Hz], with rows every `step` [s].
 
-    `transient` and `fitted` are the smallest number of cycles, and their shortest time [s], before and in the rows to
-    which a sine with an offset is fitted by least squares, with `drift` also a linear term. Whole cycles are fitted.
+    After a transient, a sine with an offset, with `drift` also with a linear term, is fitted by least squares to whole
+    cycles. `transient` and `fitted` have the smallest number of cycles, and the shortest time [s], of each.
     """
 
     frequency: Array
@@ -163,9 +163,9 @@ class Sines:
         return sine(amplitude, self.frequency, self._cycles, self.transient, variable, self.step)
 
     def fit(self, column: Array) -> tuple[Array, list[Array]]:
-        """Return the complex amplitude c of Re(c exp(2 pi i f t)) in each run of a column [runs, rows], and its rows.
+        """Return the complex amplitude c of Re(c exp(2 pi i f t)) in each run of a column [runs, rows].
 
-        The amplitude, in the column's unit, is nan if a fitted row is.
+        The amplitude, in the column's unit, is nan if a fitted row is. The second result has each run's fitted rows.
         """
         fits = [_fit(*each, self.transient, self.step, self.drift)
                 for each in zip(self.frequency.tolist(), self._cycles.tolist(), strict=True)]
@@ -173,7 +173,7 @@ class Sines:
         return np.array([weights @ each for each, (_, weights) in zip(rows, fits, strict=True)]), rows
 
 
-@lru_cache(maxsize=1024)  # all bisections use the same frequencies
+@lru_cache(maxsize=1024)  # bisections of all variants use the same frequencies, fewer than this
 def _fit(frequency: float, cycles: float, transient: tuple[float, float], step: float, drift: bool
          ) -> tuple[slice, Array]:
     """Return the fitted rows, and the weights whose product with their values is the complex amplitude."""

@@ -42,7 +42,7 @@ _WORDS = {"step": "step of {size}, both ways, held for {duration:g} s{load}",
           "slew": "slew from one side to the other, {size}, both ways, over {duration:g} s{load}"}
 TESTS: Mapping[str, TestKind] = {name: TestKind(fields, tuple(figures_of(name, *runs)), words)
                                  for name, (fields, runs, words) in {
-    # under a torque that is constant in a step from rest at 0, and rises after the command of a slew
+    # The torque of a step is constant from the start; that of a slew rises after the command.
     **{name: (("amplitude", "duration", *each.options, "supply"), ("jump", "usage"),
               _WORDS.get(name, f"{name} of {{size}}, both ways, over {{duration:g}} s{{load}}"))
        for name, each in MOTIONS.items() if each.jumps},
@@ -50,17 +50,17 @@ TESTS: Mapping[str, TestKind] = {name: TestKind(fields, tuple(figures_of(name, *
              "{torque:g} N.m at once on a fin held at 0, both ways, for {duration:g} s"),
     "release": (("torque", "duration", "supply", "settle"), _RESTS,
                 "{torque:g} N.m let go after {settle:g} s, both ways, over {duration:g} s"),
-    # bisection finds the frequency
+    # Bisection finds the frequency.
     "sine": (("amplitude",), (), "fundamental under sines of {size}"),
-    # the loop is broken at the drive's reference
+    # The loop is broken at the drive's reference.
     "linear": ((), (), "linear loop"),
-    # slews after use with this torque and a rest are compared with those of a fresh actuator
+    # The slews follow a history of use, with this torque, and a rest; a fresh actuator's slews are the reference.
     "repeat": (("amplitude", "duration", "torque"), (),
                "slew of ±{size} after one-sided cycles, stall, saturation, disabling and brown-out")}.items()}
 """The kinds of tests of requirements."""
 BANDWIDTHS = 2.0, 60.0  # Hz, range of the search for a bandwidth
 GRID = tuple(np.geomspace(*BANDWIDTHS, 12).tolist())  # Hz; the interval that contains a bandwidth is bisected
-BISECTIONS = 6  # which locate a bandwidth within 3 parts in 1000
+BISECTIONS = 6  # they locate a bandwidth within 3 parts in 1000
 LOOP_LOWEST, LOOP_POINTS = 0.05, 200  # lowest frequency [Hz] and number of frequencies, for margins within 1e-6
 CYCLES, FITTED = 4.0, 0.15  # smallest number of fitted cycles of a sine, and their shortest duration [s]
 TRANSIENT = (2.0, 0.1)  # smallest number of cycles before the fit, and their shortest duration [s]
@@ -76,8 +76,9 @@ def bound(bandwidth: float) -> str:
 class Test:
     """A test of a requirement, of one of the TESTS.
 
-    `amplitude` is in rad. `duration` [s] is that of the judged part; `settle` [s] is the time before it in a slew or
-    release. `torque` [N.m] is positive in the direction of motion. `supply` is a share of the supply's start value.
+    `amplitude` is in rad. `duration` [s] is that of the judged part, in a repeat that of each slew; `settle` [s] is the
+    time before it in a slew or release. In a motion a `torque` [N.m] above 0 acts along the motion. `supply` is a share
+    of the supply's start value.
     """
 
     __test__ = False  # not one of pytest's
@@ -109,7 +110,7 @@ def obstacle(test: Test, figure: str, subject: Subject) -> str:
         lacks = capabilities.POSITION_LOOP not in subject.actuator.provides
         if lacks:
             return f"margins need {capabilities.POSITION_LOOP}, which this actuator does not have"
-        return extras.absent("analysis", "margins need", "control", "casadi") or _unlinear(subject.parameters)
+        return extras.absent("analysis", "margins need", "control", "casadi") or _linear_obstacle(subject.parameters)
     if test.supply != 1.0 and subject.supply is None:
         return "this actuator has no supply"
     for name, needed in ((LOAD, test.torque and test.kind != "repeat"), (subject.supply, test.supply != 1.0)):
@@ -124,7 +125,7 @@ def measure(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], 
 
     Each item of `changes` has the parameters of a variant that differ from the subject's; a variant's figures do not
     depend on other variants. `senses` are the senses of the figures' limits, `maximum` or `minimum`. A figure without
-    a value is nan, or inf for a time; all figures of a variant are nan if its response cannot be computed.
+    a value is nan (a settling time or margin: inf); all of a variant are nan if its response cannot be computed.
     """
     if test.kind == "linear":
         margins = [_margins(subject.parameters, each) for each in changes]
@@ -271,8 +272,8 @@ def _bandwidths(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any
     """Return the frequencies [Hz] at which gain and lag cross their levels, by bisection of the describing function.
 
     Each figure of a variant has its own bisection; the next sines of all are simulated together, each frequency once.
-    If a level is not crossed, the result is the highest frequency of the search; it is nan if a response up to the
-    crossing is not a sine, as in hunting.
+    If a level is not crossed, the result is the end of BANDWIDTHS beyond which the crossing is; it is nan if a response
+    up to the crossing is not a sine, as in hunting.
     """
     searching = [(k, name) for k in range(len(changes)) for name in figures]
     crossings, between = dict.fromkeys(searching, BANDWIDTHS[1]), dict[tuple[int, str], tuple[float, float]]()
@@ -321,16 +322,17 @@ def describing_function(subject: Subject, changes: Sequence[Mapping[str, Any]], 
 
 
 @lru_cache(maxsize=16)
-def _unlinear(parameters: ParameterSet) -> str:
+def _linear_obstacle(parameters: ParameterSet) -> str:
     from .linear.actuator import obstacle
 
     return obstacle(parameters)
 
 
 def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, float]:
-    """Return the margins of the loop broken at the drive's reference.
+    """Return the margins [dB, rad, s] of the loop broken at the drive's reference.
 
-    They are nan if the closed loop is unstable, if the actuator cannot rest, or if it has no linear model.
+    They are nan if the closed loop is unstable, or if the actuator cannot rest at 0, does not react there, or has no
+    linear model.
     """
     from .linear.actuator import LinearActuator, sound
     from .linear.frequency import highest, margins

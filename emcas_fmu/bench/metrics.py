@@ -1,7 +1,7 @@
 """Figures of responses, each defined once, as pure functions of uniformly sampled columns.
 
 A column is an array [rows] of one run, or [runs, rows] of many; a figure is a number, or an array [runs]. The figure of
-a run does not depend on the other runs: each row is contiguous and reduced separately.
+a run does not depend on the other runs: the rows of each run are contiguous and reduced separately.
 Everything is in SI: angles in rad, rates in rad/s, times in s, frequencies in Hz, shares as numbers; `shown` returns
 the units for display. FIGURES lists all figures with their units.
 """
@@ -113,7 +113,7 @@ def shown_output(v: Variable) -> tuple[str, float]:
     return ("rpm", RPM) if v.display == "rpm" else shown(v.unit)
 
 
-# Ending of a figure's name in a result, by unit; longer endings first.
+# Units by the endings of figures' names in results; longer endings first.
 _ENDINGS = {"_n_m_per_rad": "N.m/rad", "_deg_per_s": "deg/s", "_l_per_min": "l/min", "_percent": "%",
             "_n_m": "N.m", "_deg": "deg", "_mpa": "MPa", "_hz": "Hz", "_db": "dB", "_s": "s", "_v": "V", "_a": "A",
             "_w": "W", "_j": "J"}
@@ -162,7 +162,7 @@ def errors(response: Array, reference: Array, unit: str = "1") -> Errors:
 
 
 def rms(values: Array) -> Any:
-    """Return the root mean square."""
+    """Return the root mean square over the rows of `values` [rows] or [runs, rows], in their unit."""
     return np.sqrt(np.mean(np.square(values), axis=-1))
 
 
@@ -172,7 +172,7 @@ def _at(values: NDArray[Any], row: Any) -> Any:
 
 
 def crossing(time: Array, values: Array, level: float) -> Any:
-    """Return the first time [s] at which `values` reach `level` from below, by linear interpolation; nan if never."""
+    """Return the first time [s] at which `values` are at or above `level`, linearly interpolated; nan if never."""
     above = values >= level
     k = np.argmax(above, axis=-1)
     before = np.maximum(k - 1, 0)
@@ -199,7 +199,7 @@ def settling(time: Array, distance: Array, band: float) -> Any:
 
 
 def settled(time: Array, distance: Array, band: float) -> Any:
-    """Return `settling`, or inf if it is in the last third of the record, where the remaining record is too short."""
+    """Return `settling`, or inf if it is in the last third of the record: the rest is too short to show settling."""
     after = settling(time, distance, band)
     return np.where(after > (1.0 - HELD) * (time[-1] - time[0]), inf, after)[()]
 
@@ -214,9 +214,9 @@ def since(start: float, time: Array, *columns: Array) -> tuple[Array, ...]:
 def step_metrics(time: Array, response: Array, start: float, command: Any) -> dict[str, Any]:
     """Return the figures of the response [rad] to a command that steps to a level at `start` [s] and stays there.
 
-    `steady_error` is signed. A figure is nan if its level is never reached, and inf if its time is beyond the record.
+    `steady_error` is signed. A time is nan if its level is never reached; for settling times see :func:`settled`.
 
-    Levels are shares of the commanded change, which begins at the response at `start`; they are not shares of the
+    Levels are shares of the commanded change, from the response at `start` to the command; they are not shares of the
     change to the final value, since a servo has to reach its command. Other definitions are those of Ogata, "Modern
     Control Engineering", 5th ed., section 5-3. `time_to_accuracy` is the settling time to within ACCURACY.
     """
@@ -244,10 +244,10 @@ def _last(time: Array) -> slice:
 
 
 def sustained_rate(time: Array, angle: Array, start: float, command: Any) -> Any:
-    """Return the mean rate [rad/s] over the middle 60 % of a motion commanded at `start` [s]; nan if 80 % is not met.
+    """Return the mean rate [rad/s] over the middle 60 % of the travel that is commanded at `start` [s].
 
     The middle of the travel excludes acceleration and braking, and a spike hardly changes a mean: a guidance loop can
-    rely on this rate, but not on the largest one.
+    rely on this rate, but not on the largest one. It is nan if 80 % of the travel is not reached.
     """
     time, angle = since(start, time, angle)
     first = angle[..., :1]
@@ -257,7 +257,7 @@ def sustained_rate(time: Array, angle: Array, start: float, command: Any) -> Any
 
 
 def motion_figures(run: Run, number: int = 0) -> dict[str, Any]:
-    """Return the figures of a jump of a finished run: a step of the command by its index, up to the next step."""
+    """Return the figures of a finished run after the jump of its command with an index, up to the next jump."""
     move, columns = run.excitation.moves[number], run.columns
     rows = int(np.searchsorted(columns["time"], move.end + 1e-9, side="right"))
     of_move = {name: column[..., :rows] for name, column in columns.items()}
@@ -318,9 +318,9 @@ def power_figures(power: Array, weights: Array) -> dict[str, Any]:
 def leap_weights(count: int, step: float, leaps: Array) -> Array:
     """Return the weights of `count` rows, `step` [s] apart, in the integral of a power that jumps between the rows.
 
-    The jumps are at `leaps` [s] after the first row, at least two rows apart. In an interval with a jump the power is
-    extrapolated up to the jump from either side, along the line through the two nearest rows: with the trapezoidal
-    rule, jumps that are synchronous with the rows would bias the integral.
+    The jumps are at `leaps` [s] after the first row, at least two rows apart. In an interval with a jump, except the
+    first and the last, the power is extrapolated from either side up to the jump, along the line through the nearest
+    two rows: with the trapezoidal rule, jumps that are synchronous with the rows would bias the integral.
     """
     weights = np.full(count, step)
     weights[[0, -1]] /= 2.0
@@ -344,9 +344,9 @@ def breakaway(moment: Array, angle: Array) -> float:
 def bidirectional(below: Array, above: Array) -> dict[str, Any]:
     """Return the figures of errors [targets, cycles] of approaches from below and above, in the unit of the errors.
 
-    `means` has the shape [sides, targets], `reversal` [targets]; both are nan where a side has no approach.
-    Source: ISO 230-2 (2014), "Determination of accuracy and repeatability of positioning of numerically controlled
-    axes".
+    Missing approaches are nan. `means` has the shape [sides, targets], `reversal` [targets]; both are nan where a side
+    has no approach. Source: ISO 230-2 (2014), "Determination of accuracy and repeatability of positioning of
+    numerically controlled axes".
     """
     errors = np.stack([below, above])  # side, target, cycle
     approached = ~np.isnan(errors).all(axis=2)

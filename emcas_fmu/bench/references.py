@@ -22,7 +22,8 @@ _INDEPENDENT = {f"experiment/{role}": independent for independent, role in ROLES
 def embedded(root: Path, file: Path, names: Mapping[str, str], model: str) -> tuple[Stored, ...]:
     """Return the experiments embedded in the FMU `file`, unpacked in the folder `root`, with the columns of one fin.
 
-    `names` maps a single actuator's names to the FMU's variables. Raises EmcasError if they cannot be read.
+    There are none without a manifest. `names` maps a single actuator's names to those in the experiments' files. Raises
+    EmcasError if a file cannot be read.
     """
     folder = root / FOLDER
     single = {"time": "time", **{full: name for name, full in names.items()}}

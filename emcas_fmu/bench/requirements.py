@@ -139,7 +139,7 @@ class Requirement(Table):
     def kept(self, measured: Any) -> Any:
         """Return whether figures [unit], an array or a number, keep the limit; values that are not finite do not.
 
-        Values are compared in the display unit with nine decimals: rounding in a conversion must not miss a limit.
+        Values are compared in the display unit with nine decimals, so that rounding in a conversion misses no limit.
         """
         _, factor = self.shown
         shown = np.round(np.multiply(measured, factor), 9)
@@ -189,7 +189,7 @@ class Specification:
 
     @property
     def rated_load(self) -> float:
-        """The hinge moment [N.m] of the first requirement on a loaded rate; RATED if there is none."""
+        """The magnitude [N.m] of the torque in the first requirement of a loaded rate; RATED if there is none."""
         return next((abs(r.test.torque) for r in self.requirements
                      if r.figure == "sustained_rate" and r.test and r.test.torque), RATED)
 

@@ -56,10 +56,10 @@ class Run:
 class Runs:
     """The responses of `number` runs to excitations with the same rows.
 
-    `columns` by name are arrays [runs, rows], except ``time`` [rows]; a fine column has `substeps` points per row. Rows
-    that a run did not reach are nan. `refused` maps the index of a refused run to its error; `stopped` maps the index
-    of a run that ended early to its number of rows and its log. The columns of `runs[index]` are views, equal to those
-    of a simulation of that run alone.
+    `columns` by name are arrays [runs, rows], except ``time`` [rows]; a fine column has (rows - 1) substeps + 1 points.
+    Rows that a run did not reach are nan. `refused` maps the index of a refused run to its error; `stopped` maps the
+    index of a run that ended early to its number of rows and its log. The columns of `runs[index]` are views, equal to
+    those of a simulation of that run alone.
     """
 
     excitation: Excitation = field(repr=False)

@@ -91,8 +91,8 @@ class Subject(ABC):
         """Return the response at the times of the rows; that of `fine` outputs at `substeps` equal steps per row.
 
         `start_values` are changed parameters, in addition to those of the excitation. `outputs` are the names of the
-        recorded outputs, by default all. Raises EmcasError for inputs and parameters that the subject lacks, and
-        ParameterError for values that it refuses. A failure during the simulation is in the Run.
+        recorded outputs, `fine` included, by default all. Raises EmcasError for inputs and parameters that the subject
+        lacks, and ParameterError for values that it refuses. A failure during the simulation is in the Run.
         """
 
     def run_all(self, excitation: Excitation, changes: Mapping[str, Array], outputs: Iterable[str] | None = None,

@@ -1,15 +1,15 @@
 """An actuator with a sampled position loop, linearised at an operating point, as python-control systems.
 
 Two blocks are exact Jacobians of the actuator's declaration: the plant, from `derivatives` and the fin angle among
-`output_values`, and the sampled controllers with their encoder, from `sample`. The plant between samples is solved by
-matrix exponentials, split where the delayed reference reaches the drive; the delayed references are states. Sampling
+`output_values`, and the sampled controllers with their encoder, from `sample`. Matrix exponentials solve the plant
+within a sample, before and after the delayed reference reaches the drive; the delayed references are states. Sampling
 and transport delay are therefore exact, without a rational approximation (Astroem & Wittenmark, "Computer-Controlled
-Systems", 3rd ed., section 2.6).
+Systems", 3rd ed., chapter 2).
 
-In the linear model, limits are as at the operating point, and gaps, quantisation, dry friction and its compensation are
-left out. The command is read at every sample. The model includes the command's latency and, with the encoder enabled,
-the speed from the difference of two samples. Among the extensions, heat sets the motor's temperatures at the start;
-faults and homing are left out; those of friction and the screw have no effect, since they are not smooth at rest.
+In the linear model, a limit acts if it does at the operating point, and gaps are closed; quantisation, dry friction and
+its compensation are left out. The command is read at every sample. The model includes the command's latency and, with
+the encoder enabled, the speed from the difference of two samples. The extension heat sets the motor's temperatures at
+the start; faults and homing are left out; those of dry friction and of the screw's losses have no effect.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class OperatingPoint:
 def sound(parameters: ParameterSet) -> ParameterSet:
     """Return the parameters of the actuator without the extensions homing and faults.
 
-    Raises EmcasError for an actuator that cannot be analysed linearly.
+    Raises EmcasError for an actuator without a sampled position loop.
     """
     model = plain(parameters.model)
     require(parameters.model, "emcas analyse", capabilities.POSITION_LOOP, actuator=get(model))
@@ -212,7 +212,7 @@ class LinearActuator:
             return values, slopes
 
         start = np.array(self._kept)
-        # The command with which the controllers hold the fin angle; they differ if the plant's parameters deviate.
+        # The command that holds the fin angle; it differs from this angle if the plant's parameters deviate.
         command = float(at(start, self._at[0])[0][count + 1])
 
         def balance(state: Array) -> tuple[Array, Array]:
@@ -242,9 +242,10 @@ class LinearActuator:
 
     @property
     def closed(self) -> System:
-        """Closed loop at the sample times: from ``command`` [rad] and ``aero_torque`` [N.m] to ``fin_angle`` [rad].
+        """Closed loop at the sample times: from command [rad] and ``aero_torque`` [N.m] to ``fin_angle`` [rad].
 
-        A load is held between samples like a host's input over a communication step. Modes in `hidden` are left out.
+        The command is the input ``command``, or ``sent`` with a latency. A load is held between samples like a host's
+        input over a communication step. Modes in `hidden` are left out.
         """
         return self._shown[0][:1, :]
 
@@ -320,7 +321,7 @@ class LinearActuator:
 
     @property
     def stable(self) -> bool:
-        """Whether every mode of the closed loop decays."""
+        """Whether every mode of the closed loop that is not in `hidden` decays."""
         return decays(self._whole) or decays(self.closed)  # hidden modes need not decay; finding them is slow
 
     def rational(self, order: int = 3) -> System:

@@ -18,7 +18,7 @@ from ...trace.tracer import Tracer
 
 # The controllers' command is that on the bus; the command's latency is a separate block outside all loops.
 LEFT_OUT = {"compensation.gain": 0.0, "command.latency": 0.0, "command.resolution": 0.0, "command.update_time": 0.0}
-"""Values of parameters that a linear model replaces."""
+"""The parameters that a linear model replaces, with the values in it."""
 OUTPUTS = ("fin_angle", "motor_angle", "motor_current", "motor_voltage")
 """The outputs that `Equations.plant` returns after the rates of the states."""
 
@@ -59,7 +59,7 @@ class Equations:
             **dict(zip(self.sampled, sampled, strict=True)))
 
     def plant(self, *arguments: Value, ops: Any = None) -> list[Value]:
-        """Return the rates of the states, then OUTPUTS.
+        """Return the rates of the states, then OUTPUTS, nan for those that the actuator lacks.
 
         `arguments` are the states, the reference, the hinge moment [N.m] and the sampled states. `ops`, such as
         operations without limits, replace those of the plant.

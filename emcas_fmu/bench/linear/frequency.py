@@ -16,8 +16,8 @@ _PER_DECADE = 500  # frequencies
 _NARROW = 0.1  # damping ratio below which a resonance or notch needs additional frequencies
 # Distances of these frequencies from the resonance or notch, in half widths.
 _NEAR = np.concatenate([-np.geomspace(20.0, 0.05, 24), [0.0], np.geomspace(0.05, 20.0, 24)])
-_LOCAL = 20  # points on each side of a crossing; more change a cubic spline there by 0.27^20 = 4e-12 of their change
-_AT_A_POLE = 1e-6  # distance from an end of the frequencies within which a pole is at it; rounding moves poles by 1e-8
+_LOCAL = 20  # points on each side of a crossing; a change of a point beyond changes the spline by 0.27^20 = 4e-12 of it
+_AT_A_POLE = 1e-6  # a pole nearer (z, or s [rad/s]) to an end of the frequencies is at it; rounding moves poles by 1e-8
 
 
 def frequencies(highest: float, lowest: float = LOWEST) -> Array:
@@ -42,7 +42,7 @@ def evaluate(system: System, frequency: Array) -> Array:
 
 
 def response(system: System) -> FrequencyResponse:
-    """Return gain and phase of a closed loop up to half the sample rate."""
+    """Return the frequency response of a system with one input and output, from LOWEST to :func:`highest`."""
     grid = frequencies(highest(system))
     return of_ratio(grid, evaluate(system, grid))
 

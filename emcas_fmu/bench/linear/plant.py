@@ -28,7 +28,7 @@ class LinearPlant:
 
     ``states`` are its states at rest, ``reference`` is the reference that holds it, ``outputs`` are OUTPUTS. ``moves``
     names the equation that is violated most if no reference holds the plant; otherwise it is empty. ``continuous`` is
-    the linearised plant, ``voltage`` the derivative of the motor voltage with respect to the plant's states.
+    the linearised plant, ``voltage`` the derivative of the motor voltage with respect to the states of ``continuous``.
     """
 
     states: Array
@@ -65,7 +65,7 @@ def linear_plant(equations: Linearised, names: tuple[str, ...], sampled: tuple[s
             raise UnsmoothError(f"{steep} has no finite slope, as a root of 0 has none")
         return values, slopes
 
-    # States with zero rates, such as an integral without gain, are not modes; those with equal rates are one mode.
+    # States whose rates are always 0, such as an integral without gain, are no modes; those with equal rates are one.
     fin = count + OUTPUTS.index("fin_angle")
     try:
         rates, slopes = at(states, reference)

@@ -27,7 +27,7 @@ class _Fine(Unquantised, SymbolOps):
 
 
 class _Unlimited(_Fine):
-    """The same operations without limits, or, with `limit`, without limits whose upper value is this number."""
+    """The same operations without `clip`; with a `limit`, only without each clip whose upper value is this number."""
 
     def __init__(self, limit: float | None = None) -> None:
         self._limit = limit

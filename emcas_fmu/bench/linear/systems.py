@@ -13,7 +13,7 @@ from scipy.linalg import expm, matrix_balance, null_space
 Array = NDArray[Any]
 System = Any
 """A control.StateSpace with named inputs and outputs."""
-# Smallest decay of a mode in a sample. Poles are accurate to 1e-14; a slower mode decays over 1e10 samples, months.
+# Smallest decay of a mode in a sample. Poles are accurate to 1e-14; a mode that decays less needs 1e10 samples, months.
 ROUNDING = 1e-10
 # Largest singular value of a hidden mode, over the norm of the balanced A. Rounding gives a hidden mode 1e-15; the
 # weakest other mode of the shipped actuators has 7e-6.

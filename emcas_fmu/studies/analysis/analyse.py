@@ -52,7 +52,8 @@ class Analysis:
     """The results; those of a section that is left out are None or empty.
 
     ``left_out`` has the reasons why SECTIONS or hidden modes are omitted. ``thesis`` is also None if the thesis's model
-    is unstable. ``parameters`` are those without faults and homing.
+    is unstable. ``parameters`` are those without faults and homing. The keys of ``final_values``, ``modes`` and
+    ``envelope`` are those of the JSON file.
     """
 
     parameters: ParameterSet
@@ -62,7 +63,7 @@ class Analysis:
     thesis: ClosedLoop | None
     final_values: Mapping[str, Mapping[str, Any]]
     load: float
-    """The rated load [N.m]. The keys of `final_values`, `modes` and `envelope` are those of the JSON file."""
+    """The rated load [N.m]."""
     sweeps: list[sweep.Sweep]
     modes: Mapping[str, Any] | None
     """Natural frequencies with the inertia of the parameter set and, at the key ``thesis``, those of the thesis."""
@@ -138,7 +139,7 @@ def _left_out(model: str, values: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _require_stable(actuator: LinearActuator) -> None:
-    """Raise EmcasError for a loop that is unstable, or whose reference does not move the fin."""
+    """Raise EmcasError for a loop that is unstable, or whose fin does not react to the command."""
     if actuator.stable and not actuator.idle:
         return
     where = f"the linearised loop at {degrees(actuator.point.fin_angle):g} deg"

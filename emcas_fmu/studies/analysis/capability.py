@@ -4,7 +4,8 @@ In steady motion (di/dt = 0) the largest torque at a motor speed w is
 
     T_m = K_t clip(i, +-I_max)        with (R i + K_e w)^2 + (n w L i)^2 = V^2
 
-and n = motor.pole_pairs. Fin rate and hinge moment follow from (2.17) of the thesis without acceleration.
+V is the supply, I_max the drive's current limit, n = motor.pole_pairs. Fin rate and hinge moment follow from (2.17) of
+the thesis without acceleration.
 """
 
 from __future__ import annotations
@@ -72,9 +73,9 @@ class Capability:
     """Capability against ``fin_angle`` [rad]; arrays [angles], or [2, angles] for motion along + and -.
 
     ``stall`` [N.m] is the largest hinge moment against which the fin moves, ``held`` [N.m] the largest that it holds at
-    rest with the help of dry friction. ``rate`` [rad/s] is the steady rate without load, ``rate_loaded`` against RATED;
-    supply, drive current and the controllers' speed limit allow them. ``free_rate`` and ``free_rate_loaded`` are those
-    without the controllers' speed limit. ``ratio`` is R [1].
+    rest with the help of dry friction. ``rate`` [rad/s] is the largest steady rate without load, ``rate_loaded`` that
+    against RATED, by supply, drive current and the controllers' speed limit; ``free_rate`` and ``free_rate_loaded`` are
+    those without the speed limit. ``ratio`` is R [1].
     """
 
     fin_angle: Array

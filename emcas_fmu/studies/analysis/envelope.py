@@ -4,13 +4,14 @@ The envelope is the largest steady torque at each speed with a current within th
 
 - heat, continuous: the current at which the winding's steady temperature is heat.winding_limit;
 - heat, short-term: the current at which the winding reaches heat.winding_limit after the duration, from the steady
-  state under a preload. As a share of the smallest continuous limit, the preload leaves the drive's I2t load at 0;
+  state under a preload. The preload is below the smallest continuous limit: the drive's I2t load is 0 after it;
 - I2t, continuous: heat.continuous_current;
 - I2t, short-term: the current that the drive allows for the duration without reducing it;
 - peak: drive.current_limit;
-- voltage: V^2 = (R i + K_e w)^2 + (n w L i)^2 at the supply, with n = motor.pole_pairs.
+- voltage: V^2 = (R i + K_e w)^2 + (n w L i)^2 with the supply V, speed w, current i and n = motor.pole_pairs.
 
-R, K_t and K_e are those at the temperatures that the current causes, in steady state or at the end of the duration.
+The torque is K_t i. R, K_t and K_e are those at the temperatures that the current causes, in steady state or at the end
+of the duration.
 If heat weakens the magnets much, the largest torque may belong to a smaller current. Losses outside the winding are
 neglected.
 """
@@ -65,7 +66,7 @@ Temperatures = tuple[float, float]  # of winding and case [degC]
 
 @dataclass(frozen=True)
 class Curve:
-    """One envelope: the largest current [A] by each of CAUSES, and the `torque` [N.m] at each speed of the Envelope.
+    """An envelope: the largest current [A] that each of CAUSES allows, and the `torque` [N.m] at the Envelope's speeds.
 
     The smallest of `currents` causes the temperatures `winding` and `case` [degC]; the voltage suffices for it up to
     `corner_speed` [rad/s] (0: at no speed). The torque is 0 from `no_load_speed` [rad/s]. `limits` are torques [N.m]:
@@ -93,7 +94,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Envelope:
-    """Torque against motor speed [rad/s] from 0 to the initial no-load speed, continuous and for `duration` [s].
+    """Torque against motor speed [rad/s] from 0 to the larger initial no-load speed, continuous and for `duration` [s].
 
     Before the duration, `preload` [1] times the continuous current (:attr:`Curve.current`) has flowed for a long time.
     """
@@ -161,7 +162,7 @@ def short_term_current(p: Any, duration: float, start: Temperatures) -> float:
     high = 2.0 * low
     while excess(high) < 0.0:
         low, high = high, 2.0 * high
-    # In a very long duration even the continuous current reaches the limit, except for rounding.
+    # In a very long duration the continuous current reaches the limit, within rounding.
     return low if excess(low) >= 0.0 else float(brentq(excess, low, high, xtol=1e-9))
 
 
@@ -199,7 +200,7 @@ def warmed(p: Any, current: float, time: float, start: Temperatures) -> Temperat
 
 def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures,
            heated: Callable[[float], Temperatures]) -> Curve:
-    """Return the envelope of the currents [A] `allowed` by CAUSES; `heated` returns the temperatures by a current."""
+    """Return the envelope of the currents [A] `allowed` by CAUSES; `heated` returns the temperatures due to one."""
     currents = dict(zip(CAUSES, allowed, strict=True))
     largest, supply = min(allowed), p.drive.supply_voltage
 
@@ -215,7 +216,7 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
         # The largest speed [rad/s] at a current; -1 if the voltage does not suffice even at rest.
         return float(drive.knee_speed(FLOATS, motor(current), supply, current)) or -1.0
 
-    # The torque is largest at the voltage limit, at the largest current, or at a local maximum, by one of the currents.
+    # The torque is largest at the voltage limit, at the largest current, or at a local maximum near a tried current.
     tried = np.linspace(0.0, largest, _CURRENTS).tolist()
     speeds, torques = list(map(largest_speed, tried)), list(map(torque_of, tried))
 

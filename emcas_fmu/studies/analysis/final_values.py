@@ -28,8 +28,8 @@ def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque:
     """Return the final values at `fin_angle` [rad] under `aero_torque` [N.m], with the keys of the JSON file.
 
     Loops in cascade have the results ``p`` and, if the integral gain ``ki`` [1/s2] is not zero, ``pi``; others have
-    ``as_set``. Errors are command minus fin angle several of the slowest time constants after steps of COMMAND and
-    of the `load` [N.m], nan if the loop is unstable; the error after the load is also simulated for 3 s.
+    ``as_set``. Errors are the final values of command minus fin angle after steps of COMMAND and of the `load` [N.m],
+    nan if the loop is unstable; the error that the load adds is also simulated, for 3 s.
     """
     gains: dict[str, float | None] = {"as_set": None}
     if capabilities.CASCADE in get(model).provides:
@@ -53,7 +53,7 @@ def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque:
 
 
 def _simulated(values: Mapping[str, Any], fin_angle: float, aero_torque: float, load: float, model: str) -> float:
-    """Return the error [deg] that the load adds in the simulation, as a mean over the last tenth."""
+    """Return the error [deg] that the load adds in the simulation: means over 0.3 s before it and at the end."""
     run = simulate({**values, "fin.start_angle": fin_angle}, _BEFORE + _AFTER, model=model, fin_command=fin_angle,
                    aero_torque=lambda time: aero_torque + load * (time >= _BEFORE))
     time, angle = run["time"], run["fin_angle"]

@@ -3,8 +3,9 @@
     A = pi d^2/4    J_p = pi d^4/32    k_x = E A/L    k_t = G J_p/L                (2.48)-(2.51)
     m_eq = J_eq/l^2    f_x = sqrt(k_x/m_eq)/(2 pi)    f_t = sqrt(k_t/J_eq)/(2 pi)    (2.52)-(2.55)
 
-The thesis states that they are 42 and 139 times its bandwidth of 10 Hz, but divides rad/s by Hz. The true factors, 6.7
-and 22, still justify a rigid model.
+d and L are the rod's diameter and length, E and G its tensile and shear moduli, J_eq [kg.m2] is the inertia at the
+motor, l [m/rad] the screw's lead. The thesis states that the frequencies are 42 and 139 times its bandwidth of 10 Hz,
+but divides rad/s by Hz. The true factors, 6.7 and 22, still justify a rigid model.
 """
 
 from __future__ import annotations

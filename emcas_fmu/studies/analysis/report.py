@@ -87,7 +87,7 @@ def _capability(analysis: Analysis) -> dict[str, Any] | None:
 
 
 class Rows(NamedTuple):
-    """A table for page and terminal; columns whose names begin with ">" have numbers, or None for no value."""
+    """A table for page and terminal; columns whose names begin with ">" are aligned as numbers, None is no value."""
 
     caption: str
     columns: list[str]

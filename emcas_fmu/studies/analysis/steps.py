@@ -26,7 +26,7 @@ class StepComparison:
     """Changes of the fin angle [deg] at ``time`` [s] after a step of ``size`` [deg, signed], by model.
 
     ``nonlinear`` is simulated, and ``active`` is true while a limit acts in this simulation. ``thesis`` is None if the
-    thesis's model does not apply.
+    thesis's model does not apply. The metrics are results of :func:`step_metrics`.
     """
 
     size: float

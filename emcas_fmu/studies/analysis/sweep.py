@@ -67,25 +67,25 @@ class Sweep:
 
 def sines(subject: Subject, amplitude: Array, frequency: Array, at: Array | float = 0.0, aero_torque: float = 0.0
           ) -> Array:
-    """Return the describing function, and the shares of time [1] in which each limit acts: [runs, 1 or more].
+    """Return the describing function, and the share of time [1] in which each of LIMITS acts, as columns [runs, 5].
 
     Each run has an `amplitude` [rad], a `frequency` [Hz] and a mean fin angle `at` [rad]; `aero_torque` [N.m] is
-    constant. Without all of NEEDS there are no shares. All sines are simulated together, since :func:`replay` takes as
-    long for one as for a hundred. Raises EmcasError if a response cannot be computed.
+    constant. Without all of NEEDS the shape is [runs, 1]. All sines are simulated together, since :func:`replay` takes
+    as long for one as for a hundred. Raises EmcasError if a response cannot be computed.
     """
-    made = Sines(frequency, _TRANSIENT, _FITTED, float(subject.values["controller.sample_time"]))
-    wave, mean = made.excitation(1.0), np.broadcast_to(at, len(frequency))
+    stepped = Sines(frequency, _TRANSIENT, _FITTED, float(subject.values["controller.sample_time"]))
+    wave, mean = stepped.excitation(1.0), np.broadcast_to(at, len(frequency))
     command = mean[:, np.newaxis] + amplitude[:, np.newaxis] * wave.command
     runs = subject.run_all(wave.holding({COMMAND: command, LOAD: aero_torque}), {"fin.start_angle": mean},
                            [name for name in _RECORDED if name in subject.outputs])
     for k in range(len(runs)):
         runs[k].finished()
-    fundamentals, rows = made.fit(runs.columns["fin_angle"])
+    fundamentals, rows = stepped.fit(runs.columns["fin_angle"])
     # Backlash absorbs the sine where the remaining motion is rounding.
     moved = np.array([np.ptp(each) > CREPT for each in rows])
     acting = _acting(subject, mean, command, runs.columns) if subject.actuator.provides.issuperset(NEEDS) else []
     return np.column_stack([np.where(moved, 1j * fundamentals / amplitude, 0.0),
-                            *([np.mean(each) for each in made.fit(limit)[1]] for limit in acting)])
+                            *([np.mean(each) for each in stepped.fit(limit)[1]] for limit in acting)])
 
 
 def _acting(subject: Subject, start: Array, command: Array, outputs: Mapping[str, Array]) -> list[Array]:
@@ -110,7 +110,7 @@ def replay(subject: Subject, start: Array, command: Array, motion: Mapping[str, 
     """
     actuator = subject.actuator
     p = actuator.namespace(subject.values)
-    # In the second row, no other limit of the controllers can act.
+    # In the second row of each result, no other limit of the controllers can act.
     p = with_values(p, {"drive.reference_limit": np.array([[p.drive.reference_limit], [inf]]),
                         "command.limit": np.array([[p.command.limit], [inf]])})
     starts = {v.name: v.initial(subject.values) for v in subject.inputs.values()}
