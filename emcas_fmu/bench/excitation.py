@@ -240,7 +240,7 @@ def staircase(levels: Sequence[float], holds: Sequence[float], step: float = STE
 
 @checked
 def reference_case(name: str, exact: bool = True, supply: float = SUPPLY_START) -> Excitation:
-    """Return a reference case by name, for an actuator whose supply is `supply` [V] at the start.
+    """Return the excitation of the reference case `name`, for an actuator whose supply is `supply` [V] at the start.
 
     With `exact` the true angle and speed are fed back, for a comparison of trajectories, otherwise those of the
     encoder, for figures of performance. Raises EmcasError for an unknown name.

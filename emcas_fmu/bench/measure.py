@@ -61,7 +61,7 @@ TESTS: Mapping[str, TestKind] = {name: TestKind(fields, tuple(figures_of(name, *
 BANDWIDTHS = 2.0, 60.0  # Hz, range of the search for a bandwidth
 GRID = tuple(np.geomspace(*BANDWIDTHS, 12).tolist())  # Hz; the interval that contains a bandwidth is bisected
 BISECTIONS = 6  # they locate a bandwidth within 3 parts in 1000
-LOOP_LOWEST, LOOP_POINTS = 0.05, 200  # lowest frequency [Hz] and number of frequencies, for margins within 1e-6
+LOOP_LOWEST, LOOP_POINTS = 0.05, 200  # lowest frequency [Hz] and number of frequencies, for margins within 2e-6
 CYCLES, FITTED = 4.0, 0.15  # smallest number of fitted cycles of a sine, and their shortest duration [s]
 TRANSIENT = (2.0, 0.1)  # smallest number of cycles before the fit, and their shortest duration [s]
 REST = 4.0  # s, duration of the rest after the history of use
@@ -271,7 +271,7 @@ _LEVELS: Mapping[str, Callable[[complex], float]] = {
 def _bandwidths(test: Test, subject: Subject, changes: Sequence[Mapping[str, Any]], figures: Sequence[str]) -> Array:
     """Return the frequencies [Hz] at which gain and lag cross their levels, by bisection of the describing function.
 
-    Each figure of a variant has its own bisection; the next sines of all are simulated together, each frequency once.
+    Each figure of a variant is bisected separately; the next sines of all are simulated together, each frequency once.
     If a level is not crossed, the result is the end of BANDWIDTHS beyond which the crossing is; it is nan if a response
     up to the crossing is not a sine, as in hunting.
     """

@@ -368,6 +368,6 @@ def test_command_analyses_a_users_actuator(analysed: Analysed) -> None:
         assert words not in text
         assert words not in output
     assert f"current {current:.4g} A, reference" in text
-    assert "Large steps differ if a limit acts." in text
-    assert "Large amplitudes lose bandwidth if a limit acts." in text
+    assert "Steps differ if a limit acts." in text
+    assert "Amplitudes lose bandwidth if a limit acts." in text
     assert page.count("<svg") == 5

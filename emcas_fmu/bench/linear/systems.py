@@ -15,8 +15,8 @@ System = Any
 """A control.StateSpace with named inputs and outputs."""
 # Smallest decay of a mode in a sample. Poles are accurate to 1e-14; a mode that decays less needs 1e10 samples, months.
 ROUNDING = 1e-10
-# Largest singular value of a hidden mode, over the norm of the balanced A. Rounding gives a hidden mode 1e-15; the
-# weakest other mode of the shipped actuators has 7e-6.
+# Largest singular value of a hidden mode, over the norm of the balanced A. Rounding gives a hidden mode 2e-15; the
+# weakest other mode of the shipped actuators has 6e-9 (electrohydrostatic at 10 deg).
 _HIDDEN = 1e-12
 _FAST = 0.5  # smallest pole magnitude of a tested mode: faster ones affect no figure and resemble hidden modes
 
