@@ -45,9 +45,10 @@ ANGLE_KNOWN = {"homing.required": False}
 class Identity:
     """The identity of a subject.
 
-    `kind` is `FMU` or `parameter set`. `sha256` is the hash of the file or files, empty for the defaults; a parameter
-    set has no `guid`. `differences` are the names of the parameters that differ from the shipped ones, `estimates` the
-    names of those that are engineering estimates. `fin`, from 1, is set for an FMU.
+    `kind` is `FMU` or `parameter set`. `sha256` is the hash of the file or files, empty for the defaults,
+    `parameters_sha256` that of the values; a parameter set has no `guid`. `run_by` is the simulator. `differences` are
+    the names of the parameters that differ from the shipped ones, `estimates` the names of those that are engineering
+    estimates. `fin`, from 1, is set for an FMU.
     """
 
     kind: str

@@ -51,8 +51,8 @@ def linear_plant(equations: Linearised, names: tuple[str, ...], sampled: tuple[s
     """Return a plant at rest at a fin angle [rad] under a hinge moment [N.m].
 
     `equations` are those of :class:`.smooth.Traced`, `names` and `sampled` the names of states and sampled states. The
-    iteration begins at the states and the reference `begin`; `held` are the values of the sampled states. Raises
-    UnsmoothError if a slope or a value at `begin` is not finite, and ArithmeticError if a later value is not.
+    iteration begins at the states and the reference `begin`; `held` and `gains` are the values of sampled states and
+    gains. Raises UnsmoothError if a slope or a value at `begin` is not finite, ArithmeticError if a later value is not.
     """
     count, states, reference = len(names), np.array(begin[:-1]), begin[-1]
     called = (*(f"d/dt of {name}" for name in names), "the error of fin_angle")

@@ -6,7 +6,7 @@ The envelope is the largest steady torque at each speed with a current within th
 - heat, short-term: the current at which the winding reaches heat.winding_limit after the duration, from the steady
   state under a preload. The preload is below the smallest continuous limit: the drive's I2t load is 0 after it;
 - I2t, continuous: heat.continuous_current;
-- I2t, short-term: the current that the drive allows for the duration without reducing it;
+- I2t, short-term: the largest current that the drive does not reduce within the duration;
 - peak: drive.current_limit;
 - voltage: V^2 = (R i + K_e w)^2 + (n w L i)^2 with the supply V, speed w, current i and n = motor.pole_pairs.
 

@@ -106,7 +106,7 @@ def replay(subject: Subject, start: Array, command: Array, motion: Mapping[str, 
     """Return the controllers' reference [V], and whether they limit the speed reference, along recorded motions.
 
     Arrays are [runs, samples]: fin `command` [rad]; in `motion`, SI, the states that the controllers read. Each motion
-    begins at rest at its fin angle `start` [rad]. As in the core, the command arrives over the bus.
+    begins at rest at its fin angle `start` [rad]. As in the core, the command arrives after the bus's latency.
     """
     actuator = subject.actuator
     p = actuator.namespace(subject.values)
