@@ -98,7 +98,7 @@ def test_bandwidth_agrees_with_simulated_small_sines(model: str) -> None:
     near = np.unique(np.round(2.0 * near)) / 2.0
     ratio = sweep.sines(subject(values, model), np.full(len(near), radians(0.02)), near, at)[:, 0]
     measured = of_ratio(near, ratio)
-    # Measured 4e-4 at most: interpolation over 0.5 Hz, the lever's curvature, and the kernel's ticks.
+    # Measured 5e-4 at most: interpolation over 0.5 Hz, the lever's curvature, and the kernel's ticks.
     assert linear.bandwidth == pytest.approx(measured.bandwidth, rel=1e-3)
     assert linear.phase_bandwidth == pytest.approx(measured.phase_bandwidth, rel=1e-3)
 
@@ -113,9 +113,8 @@ def test_oscillations_begin_at_the_gain_margin(model: str) -> None:
         scaled = {**values, **{name: factor * values[name] for name in GAINS[model]}}
         return growth(scaled, 0.0, margins.phase_crossover, partial(simulate, model=model)) > 1.0
 
-    # Measured 0.06 % of the margin, and 0.7 % for the direct drive, whose ticks damp fast motions.
-    tolerance = 0.015 if model == DIRECT_DRIVE else 0.002
-    assert [grows(share) for share in (1.0 - tolerance, 1.0 + tolerance)] == [False, True]
+    # Measured 0.06 % of the margin at most: the kernel's ticks.
+    assert [grows(share) for share in (0.998, 1.002)] == [False, True]
 
 
 @pytest.mark.parametrize("model", EACH)
