@@ -1,4 +1,4 @@
-"""Fin actuators for flight simulation: load, simulate and build them as FMI co-simulation FMUs.
+"""Fin actuators for flight simulation: simulate them in Python, or build FMI co-simulation FMUs.
 
 Programs use the names of :mod:`emcas_fmu.api`, imported from here: ``from emcas_fmu import load_parameters``.
 """
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .api import *  # noqa: F403  # __all__ is there
 
 __version__ = "0.3.0"
-__date__ = "2026-11-23"  # date of the version, as in the changelog
+__date__ = "2026-11-23"  # of the version; in the changelog when it is released
 __author__ = "The EMCAS-FMU authors"
 __copyright__ = f"Copyright (c) 2026 {__author__}"
 __license__ = "MIT"

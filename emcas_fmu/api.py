@@ -4,8 +4,8 @@ The names in ``__all__``, their parameters, and the attributes that their docstr
 breaks a program comes with a new minor version and a line in the changelog. Everything else in the package may change.
 The commands of `emcas` with the names of these functions call them.
 
-Numbers are in SI units (temperatures in degC). Text contains its unit, as in ``"10 deg"``. `progress` is a function of
-the work's name, the number of finished parts and their total, which is called during long work.
+Numbers are in SI units (temperatures in degC). Text contains its unit, as in ``"10 deg"``. `progress` is a function
+that is called during long work with the work's name, the number of finished parts and the number of all parts.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ _MOST = 100_000_000  # largest number of actuators (their outputs alone would ne
 def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, excitation: Excitation | None = None, *,
              stop: float | str | None = None, step: float | str | None = None, kernel: str = "auto",
              line: Mapping[str, float] | None = None, **inputs: InputSignal | str) -> Response:
-    """Simulate an actuator, or several fins on one supply, without an FMU.
+    """Simulate an actuator, or several fins on one supply, without an FMU, and return the `Response`.
 
     `parameters` is a parameter set, by default that of the default actuator. Several sets (see `fin_sets`) are those of
     fins that share a supply; `line` then maps names of the supply line's parameters, such as
@@ -74,15 +74,13 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
     simulation ends at `stop` [s] (default 0.5 s) and has communication steps of `step` [s] (default 1 ms). Keywords set
     other inputs, or replace those of the excitation: their names are those of inputs with ``__`` for the dot
     (``attitude__roll``), their values numbers, text with a unit (``"10 deg"``), functions of time [s], or arrays with a
-    value for each communication point. Each value is held over a communication step. All other inputs keep their start
-    values.
+    value for each communication point. A value is held over a communication step. Other inputs keep their start values.
 
-    `kernel` is ``python``, ``compiled`` or ``auto`` (compiled if this saves time). The first compilation of an actuator
-    takes up to a minute. Both kernels compute the same numbers.
+    `kernel` is ``python``, ``compiled`` or ``auto`` (compiled if this saves time); both kernels compute the same
+    numbers. The first compilation of an actuator takes up to a minute. Several fins are computed in Python.
 
-    Returns a `Response`. Warns (EmcasWarning) about a command that is clipped at its limit, and whether it seems to be
-    in degrees; and about parameters of the line that are allowed but unusual. Raises EmcasError for arguments with
-    which no response can be computed.
+    Warns (EmcasWarning) about a command that is clipped at its limit, which is perhaps in degrees, and about parameters
+    of the line that are allowed but unusual. Raises EmcasError for arguments with which no response can be computed.
     """
     sets = _sets("simulate", parameters)
     unit = FmuInterface(len(sets), sets[0].model)
@@ -194,7 +192,7 @@ def validate(subject: Subject | ParameterSet | Path | str | None = None, cases: 
     run, and no requirement is judged. `directory` contains the references, as computed by ``emcas reference``, by
     default the shipped ones. The references embedded in an FMU are used instead with `inside`, or if there is no
     `directory` and the shipped ones are for another actuator or other parameters. `requirements` is a TOML file, by
-    default the shipped one.
+    default the shipped one for the actuator.
 
     The result has `passed`, `verdict` (in words), `judged` and `failed`: lists of criteria, each with `measured`,
     `limit` and `unit`. Raises EmcasError if the validation cannot be carried out.
@@ -246,8 +244,7 @@ def calibrate(records: Sequence[Path | str] | Path | str, parameters: ParameterS
     `seed`, from 0, determines the starting points.
 
     The result has `calibrated` (the parameter set), `estimates` (each with `value`, `sigma`, `unit`), `comparisons`
-    (each with `figures`), `problems` (messages, a line each) and `write_report(path)`. Raises EmcasError for records
-    and other arguments that cannot be used.
+    (each with `figures`), `problems` (messages) and `write_report(path)`. Raises EmcasError for unusable arguments.
     """
     from .studies.identification.calibration import calibrate as run
 
@@ -266,9 +263,8 @@ def tune(parameters: ParameterSet | None = None, study: Study | Path | str | Non
 
     The search takes minutes. `study` is a file with requirements, cases and the parameters to tune, by default the
     shipped one. `generations` is the number of generations of the global search; the same `seed`, from 0, gives the
-    same gains. The file `journal` records every evaluation, and an interrupted search continues from it. `workers` is
-    the number of processes, by default one per processor; a script that calls `tune` needs
-    ``if __name__ == "__main__":``.
+    same gains. An interrupted search continues from the evaluations in the file `journal`. `workers` is the number of
+    processes, by default one per processor; scripts that call `tune` need ``if __name__ == "__main__":``.
 
     The result has `met` (whether all requirements are met), `tuned` (the parameter set with the gains), `best` (with
     `gains` and `judgements`) and `binding` (the names of the requirements that limit the result). Raises EmcasError for
@@ -290,7 +286,6 @@ def tune(parameters: ParameterSet | None = None, study: Study | Path | str | Non
 
 
 def _check_seed(function: str, seed: int) -> None:
-    """Raise EmcasError for a seed below 0."""
     if seed < 0:
         raise EmcasError(f"{function}: seed = {brief(seed)}: expected a whole number from 0 on")
 
@@ -320,9 +315,9 @@ class Batch:
     """Many actuators of one model side by side, in machine code: for Monte Carlo runs of a 6-DOF, or a swarm.
 
     `sets` contains a parameter set for each actuator, or is one set for all `count` actuators. `varied` maps names of
-    parameters to their values [SI], an array [count] or a number for all. A step is shared by this number of `threads`.
-    A program may also step several batches at once, each in its own thread: a step does not hold the interpreter's
-    lock. The results have the same bits as those of one actuator alone.
+    parameters to their values [SI], an array [count] or a number for all. `threads` is
+    the number of threads that share a step. A program may also step several batches at once, each in its own thread: a
+    step does not hold the interpreter's lock. The numbers are those of a single actuator, to the bit.
 
     Raises ParameterError, which names an actuator with unsound parameters; CompilerError, an EmcasError, without a C
     compiler; and EmcasError for other arguments that cannot be used.

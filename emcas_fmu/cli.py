@@ -1,4 +1,4 @@
-"""The `emcas` command. Exit codes: 0 success, 1 failed check, 2 request that cannot be executed, 130 Ctrl-C."""
+"""The `emcas` command. Exit codes: 0 success, 1 failed check, 2 impossible request, 130 Ctrl-C, 141 closed pipe."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def main(version: Annotated[bool, typer.Option("--version", callback=_version, i
 
 
 def build_command() -> None:
-    """Run `emcas build` as a separate program."""
+    """Run `emcas build` as the program build_fmu.py."""
     with printing():
         try:
             check_environment()

@@ -88,9 +88,9 @@ def location(function: Callable[..., Any]) -> str:
 
 
 def declared_in(path: Path, name: str, call: str = "") -> str:
-    """Return a Python file's path and the line where `name` is the first argument of a `call`, by default of any call.
+    """Return a Python file's path and the first line in which `name` is an argument of a `call`, by default of any.
 
-    If there is no such line, return the path.
+    `name` may be the first or a named argument. If there is no such line, return the path.
     """
     text = path.read_text(encoding="utf-8", errors="replace")
     match = re.search(rf"{call}[(=]\s*(['\"]){re.escape(name.partition('[')[0])}\1", text)
@@ -98,7 +98,7 @@ def declared_in(path: Path, name: str, call: str = "") -> str:
 
 
 def called_from(path: Path) -> str:
-    """Return the path of a file, the line that is being executed in it, and its function; "" if there is none."""
+    """Return the path of a file, the line that is being executed in it, and its function; "" if no line of it is."""
     name, frame = str(path), sys._getframe()
     while frame is not None and frame.f_code.co_filename != name:
         frame = frame.f_back  # type: ignore[assignment]

@@ -1,7 +1,8 @@
 """The kinds of excitation: their fields, with units, limits and defaults, and their command and torque.
 
 Files, the explorer and the reference cases use these names, units and limits. Campaigns accept every kind that moves
-the command, baselines those that jump or sweep, requirements those that jump. A new kind is an entry of EXCITATIONS.
+the command, baselines those that jump or sweep. Requirements accept those that jump, and tests with fields of their own
+(``TESTS`` in bench/measure.py). A new kind is an entry of EXCITATIONS.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ import numpy as np
 from .parameters.schema import In, kind_of
 from .simulation import Array
 
-STEP = 1e-3  # s, time between rows
+STEP = 1e-3  # s, time between rows of inputs and outputs
 LEAD_IN = 0.05  # s, time at rest before a motion
-SETTLE = 1.0  # s, time without load before a slew: three times the settling time of a large step
+SETTLE = 1.0  # s, time without load before a slew: ten times the settling time of the default actuator at 20 deg
 LOAD_RISE = 0.02  # s, time in which the torque rises; a jump would be an impact
 RATED = 100.0  # N.m, the load of the thesis's Table 2
 SWEEP = 0.5, 30.0  # Hz, first and last frequency
 FASTEST = 0.5 / STEP  # Hz, the highest frequency that rows can represent
-LONGEST_MOTION = 300.0  # s, longest motion in a file: half a gigabyte of rows in a campaign
+LONGEST_MOTION = 300.0  # s, longest motion in a file; its rows need half a gigabyte in a campaign
 OLD_WORDS: Mapping[str, str] = {"chirp": "sweep"}
 """Names of kinds in older files, with the present names."""
 
@@ -37,7 +38,7 @@ class Field(In):
     nonzero: bool = False
 
     def limited(self, written: Any) -> float:
-        """Return the value of an entry [unit]. Raises ValueError beyond the limits, and for a time between rows."""
+        """Return the value of an entry [unit]. Raises ValueError beyond limits, at a refused 0, and between rows."""
         value = float(super().limited(written))
         if self.nonzero and not value:
             raise ValueError(f"must not be 0; give another {self.title.lower()}")
@@ -114,7 +115,7 @@ class ExcitationKind(NamedTuple):
 
 
 def _begun(since: Array, step: float = STEP, **_: float) -> Array:
-    """Return 1 from the beginning on, 0 before it; a row that is early by rounding counts as the beginning."""
+    """Return 1 from the beginning on, 0 before it; a row within half a step before it counts as the beginning."""
     return np.where(since > -step / 2, 1.0, 0.0)
 
 

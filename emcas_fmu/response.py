@@ -145,7 +145,7 @@ class Response:
         return extension_outputs(self.unit.kind)
 
     def metrics(self, fin: int = 0) -> dict[str, float]:
-        """Return the figures and final values of a fin, counted from 0, by name.
+        """Return the figures and final values of a fin by name; `fin` counts from 0.
 
         The names of figures end in units; the final value of an extension's output is in the unit of the output.
         Figures of a motion, such as ``rise_time_s`` and ``overshoot_percent``, are included if the command jumps once.
@@ -198,7 +198,7 @@ class Response:
                        for v in discrete.values()]
 
     def _text(self, name: str, value: float) -> str:
-        """Return a figure as text: its value, "not within" the simulated time, or "not reached"."""
+        """Return a figure as text: its value, "not within" the time that was simulated for it, or "not reached"."""
         moves = self.fins[0].excitation.moves
         if isfinite(value) or not moves:
             return number(value)
@@ -274,7 +274,7 @@ class Response:
         return rows
 
     def _conditions(self) -> Iterator[tuple[str, str]]:
-        """Yield label and value of times, inputs and conditions, and of parameters that a user set or that differ."""
+        """Yield label and value of times, inputs, conditions, and parameters set by programs or different among fins."""
         excitation = self.excitation
         yield "time", f"{number(excitation.stop)} s in communication steps of {number(1e3 * excitation.step)} ms"
         for name, column in excitation.columns.items():
@@ -301,7 +301,7 @@ class Response:
 
 
 def _history(v: Variable, time: Any, column: Any) -> str:
-    """Return a discrete output as text: its value at the start and at each change."""
+    """Return a discrete output as text: its value at the start and at each change, or of many changes at the last."""
     rows = np.flatnonzero(np.diff(column)) + 1
     changes = [f"{time[k]:g} s {v.in_words(column[k])}" for k in rows]
     if len(changes) > _MOST_CHANGES:
@@ -310,7 +310,7 @@ def _history(v: Variable, time: Any, column: Any) -> str:
 
 
 def panel_outputs(model: str) -> list[list[Variable]]:
-    """Return the outputs of each panel: the fin port's one by one, then the actuator's other Real outputs by unit."""
+    """Return the outputs of each panel: the fin port's one by one, then up to _MOST_PANELS with one unit each."""
     aside = {v.name for v in (*fin_port.OUTPUTS, *extension_outputs(model))}
     by_unit: dict[tuple[str, float], list[Variable]] = {}
     for v in get(model).outputs:

@@ -58,7 +58,7 @@ def draw(unit: FmuInterface, title: str, fins: Sequence[Run], columns: Columns,
 
 
 def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence[Run]) -> None:
-    """Plot outputs of one unit in a colour each; for several fins, colours show fins and line styles show outputs."""
+    """Plot outputs of one unit, each with a colour; for several fins, colours show fins and line styles outputs."""
     unit, scale = metrics.shown_output(panel[0])
     names, several = [v.name.replace("_", " ") for v in panel], len(fins) > 1
     for j, (v, name) in enumerate(zip(panel, names, strict=True)):

@@ -1,7 +1,7 @@
-"""Limits of parameters and rules for their combinations. Standard library only: this file is embedded in the FMU.
+"""Limits of parameters and rules for their combinations. Standard library only: Python FMUs contain this file.
 
 A rule is a function of the operations `ops`, as the equations are: both back ends apply the same rule. Messages are
-printf formats for numbers.
+printf formats.
 """
 
 from __future__ import annotations

@@ -23,23 +23,23 @@ T = TypeVar("T")
 Array = NDArray[Any]
 InputSignal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
 KERNELS = ("auto", "compiled", "python")
-LONGEST_DIAGNOSIS = 2.0  # s, simulated again in plain Python, in up to 20 s, to find the faulty line of a file
+LONGEST_DIAGNOSIS = 2.0  # s of a failed run, which are repeated in Python, in up to 20 s, to find the faulty line
 _UNCHOSEN = ("; Python raises it also for the value that ops.where does not choose: choose the divisor, or the "
              "argument of the root, by ops.where, or use ops.branch")
-MOST_POINTS = 10_000_000  # outputs at more points would not fit into memory
+MOST_POINTS = 10_000_000  # communication points; more outputs may not fit into memory
 
 
 def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel: str = "auto",
              model: str = NONLINEAR, **inputs: InputSignal) -> dict[str, Array]:
-    """Return ``time`` [s] and the outputs [SI] of an actuator by name: arrays from 0 to `stop` [s] every `step` [s].
+    """Return ``time`` [s] and the outputs [SI] of an actuator by name: arrays [points], from 0 to `stop` every `step`.
 
-    `values` are the parameters of the `model` (:mod:`emcas_fmu.actuators`) by name, SI. Keywords are names of inputs
-    with ``__`` for the dot (``attitude__roll``); a value is a constant, a function of time [s], or an array of values
-    at the communication points, and is held over a step. `kernel` is ``compiled``, ``python`` or ``auto`` (compiled if
+    `values` are the parameters of the `model` (:mod:`emcas_fmu.actuators`) by name, SI; `stop` and `step` are in s.
+    Keywords are names of inputs with ``__`` for the dot (``attitude__roll``); a value is a constant, a function of time
+    [s], or an array [points], and is held over a step. `kernel` is ``compiled``, ``python`` or ``auto`` (compiled if
     this saves time, see :func:`emcas_fmu.runtime.library.worth`). Both kernels compute the same numbers.
 
-    Raises TypeError for an unknown input, ValueError for an input that is not finite and for parameters out of their
-    limits, ArithmeticError if a step cannot be computed, EmcasError for a kernel that does not exist.
+    Raises TypeError for an unknown input, ValueError for times, inputs and parameters that cannot be used,
+    ArithmeticError if a step cannot be computed, EmcasError for a kernel that does not exist or cannot be compiled.
     """
     actuator = get(model)
     table = _table(actuator.inputs, [v.initial(values) for v in actuator.inputs], stop, step, inputs)
@@ -116,7 +116,7 @@ def spread(inputs: Mapping[str, T], unit: FmuInterface) -> dict[str, T]:
 
 def _table(variables: Sequence[Variable], starts: Sequence[Any], stop: float, step: float,
            inputs: Mapping[str, InputSignal]) -> Array:
-    """Return an array [points, inputs] of the inputs at the communication points; others keep their start values."""
+    """Return an array [points, variables] of values at the communication points; `starts` where `inputs` has none."""
     if not (0.0 < step < np.inf and step * 0.5 <= stop <= MOST_POINTS * step):
         raise ValueError(f"from 0 to {stop} s every {step} s: both must be above 0, with 1 to {MOST_POINTS:g} steps")
     times: Array = np.arange(round(stop / step) + 1) * step
@@ -142,9 +142,9 @@ def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequ
                 spring: Array | float = 0.0) -> compiled.Tables:
     """Return the outputs of many actuators; shapes and units as in :func:`emcas_fmu.runtime.compiled.run_tables`.
 
-    Without a compiled kernel they are computed in Python, with the same numbers. The first run of a user's actuator
-    that cannot be computed within LONGEST_DIAGNOSIS has an error that names the line of the file. Raises EmcasError for
-    an unknown `kernel`.
+    With ``python``, or ``auto`` and no compiled kernel, they are computed in Python, with the same numbers. Of a user's
+    actuator, the first run that fails before LONGEST_DIAGNOSIS has an error that names the line of the file. Raises
+    EmcasError for an unknown `kernel`, and for ``compiled`` without a compiler.
     """
     if kernel not in KERNELS:
         raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")

@@ -1,7 +1,7 @@
 """Units of measurement, and their conversion to the units of variables.
 
-Angle is a dimension here. In the SI radians are pure numbers: a value in revolutions per minute would be accepted for
-one in 1/s. Arithmetic is decimal: 3.7 ms is exactly 0.0037 s.
+Angle is a dimension here. In the SI radians are pure numbers, and a speed in revolutions per minute would be accepted
+where 1/s is expected. Arithmetic is decimal: 3.7 ms is exactly 0.0037 s.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class UnitError(ValueError):
 def quantity(written: str, written_unit: str, unit: str) -> float:
     """Return the value in `unit` of text such as ``50 mm``, or of ``50`` with a separate `written_unit`.
 
-    Raises UnitError, whose message follows the name of the value.
+    Raises UnitError; its message continues a sentence that begins with the name of the value.
     """
     match = _QUANTITY.fullmatch(written)
     if not match:
@@ -141,7 +141,7 @@ def to_base(unit: str) -> tuple[dict[str, int], float, float]:
 
 
 def factor(unit: str, other: str) -> float:
-    """Return the value of 1 `unit` in the `other` unit. Raises UnitError for an unknown unit."""
+    """Return the value of 1 `unit` in the `other` unit, of the same quantity. Raises UnitError for an unknown unit."""
     with localcontext(Context(prec=34)):
         return float(_registry().Quantity(Decimal(1), _parse(unit)).to(_parse(other)).magnitude)
 

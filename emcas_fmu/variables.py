@@ -18,7 +18,7 @@ Variability = Literal["continuous", "discrete", "fixed", "tunable"]
 
 @dataclass(frozen=True)
 class Variable:
-    """One scalar of the interface, in its ``unit`` (:mod:`emcas_fmu.units`).
+    """A scalar of the interface; its values and limits are in its ``unit`` (:mod:`emcas_fmu.units`).
 
     - ``minimum``, ``maximum``: limits, inclusive; infinite if there is no physical limit.
     - ``start``: start value of an input; default of a parameter that its file may leave out.
