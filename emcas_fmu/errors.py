@@ -88,9 +88,9 @@ def location(function: Callable[..., Any]) -> str:
 
 
 def declared_in(path: Path, name: str, call: str = "") -> str:
-    """Return a Python file's path and the first line in which `name` is an argument of a `call`, by default of any.
+    """Return a Python file's path and the first line in which `name` is the first argument of a `call`.
 
-    `name` may be the first or a named argument. If there is no such line, return the path.
+    Without a `call`, `name` may be the first or a named argument of any. If there is no such line, return the path.
     """
     text = path.read_text(encoding="utf-8", errors="replace")
     match = re.search(rf"{call}[(=]\s*(['\"]){re.escape(name.partition('[')[0])}\1", text)

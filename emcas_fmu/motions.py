@@ -38,7 +38,10 @@ class Field(In):
     nonzero: bool = False
 
     def limited(self, written: Any) -> float:
-        """Return the value of an entry [unit]. Raises ValueError beyond limits, at a refused 0, and between rows."""
+        """Return the value of an entry [unit].
+
+        Raises ValueError beyond the limits, for 0 if it is refused, and for a time that is not a whole number of ms.
+        """
         value = float(super().limited(written))
         if self.nonzero and not value:
             raise ValueError(f"must not be 0; give another {self.title.lower()}")

@@ -274,7 +274,7 @@ class Response:
         return rows
 
     def _conditions(self) -> Iterator[tuple[str, str]]:
-        """Yield label and value of times, inputs, conditions, and parameters set by programs or different among fins."""
+        """Yield label and value of times, inputs, conditions, and parameters set outside files or different by fin."""
         excitation = self.excitation
         yield "time", f"{number(excitation.stop)} s in communication steps of {number(1e3 * excitation.step)} ms"
         for name, column in excitation.columns.items():

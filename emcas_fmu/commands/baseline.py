@@ -14,7 +14,7 @@ from rich.markup import escape
 from ..support.files import as_given
 from . import common
 
-_LOG_WIDTH = 110  # columns of the table in a log file, which has no width
+_LOG_WIDTH = 110  # characters per line of the table in a log file, which has no width
 
 app = typer.Typer(add_completion=False, rich_markup_mode="rich", no_args_is_help=True,
                   epilog=common.examples("baseline", "record my_actuator.toml --output baseline",

@@ -39,7 +39,7 @@ def calibrate(
                                          "for records with stick and slip or outliers.")] = False,
     seed: Annotated[int, common.value("Seed of the starting points.", "N", min=0)] = 1,
     output: Annotated[Path | None, common.output_option(
-        "Write a parameter file: the fitted values and the changes in --parameters.")] = None,
+        "Write a parameter file: the fitted values, and the values set by --parameters.")] = None,
     report: common.ReportOption = None,
     as_json: common.JsonOption = None,
 ) -> None:

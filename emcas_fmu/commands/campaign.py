@@ -1,4 +1,4 @@
-"""`emcas campaign`: run samples over parameters, commands, loads and faults, and summarise them."""
+"""`emcas campaign`: run samples with varied parameters, commands, loads and faults, and summarise them."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def campaign(
     as_json: Annotated[Path | None, common.json_option(
         "Write the summary to this file. Default: summary.json in the folder. With --only: the sample.")] = None,
 ) -> None:
-    """Run samples over parameters, commands, loads and faults; compute percentiles, sensitivities, worst samples."""
+    """Run samples with varied parameters, commands, loads and faults: percentiles, sensitivities, worst samples."""
     from ..studies.campaign.study import load_study
 
     if workers is not None and scheduler is not None:
@@ -108,7 +108,7 @@ def campaign(
 
 
 def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chunk: int | None) -> bool:
-    """Run the missing samples; return whether Ctrl-C stopped the campaign."""
+    """Run the missing samples; return True if Ctrl-C stopped the campaign."""
     from ..studies.campaign import run
 
     missing = store.missing()

@@ -36,7 +36,7 @@ _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u20
 
 
 class _Plain(Console):
-    """A console that prints control characters in texts as ``\\x1b``."""
+    """A console that prints control characters in texts as escapes such as ``\\x1b``."""
 
     def render(self, *args: Any, **kwargs: Any) -> Iterable[Segment]:
         """Yield the segments of an object's text, with control characters escaped."""
@@ -100,9 +100,9 @@ def _date(text: str) -> str:
 
 
 def ends_in(ending: str, remedy: str = "") -> Callable[[Path | None], Path | None]:
-    """Return a callback that refuses a file's path without the `ending`, in a message that ends with the `remedy`.
+    """Return a callback that raises EmcasError, with the `remedy`, for a file's path without the `ending`.
 
-    The callback accepts terminals, pipes and folders; `check_outputs` refuses folders.
+    The callback accepts existing terminals, pipes and folders; `check_outputs` refuses folders.
     """
     @failures()
     def check(path: Path | None) -> Path | None:
@@ -114,7 +114,7 @@ def ends_in(ending: str, remedy: str = "") -> Callable[[Path | None], Path | Non
 
 
 def value(what: str, metavar: str, *names: str, ending: str = "", **more: Any) -> Any:
-    """Return an option with a value; `what` is its help, `names` are needed if they differ from the argument's name.
+    """Return an option with a value and the help `what`; `names` are needed if they differ from the argument's name.
 
     If the value is a file, `ending` is the required ending of its name. `more` are arguments of typer.Option.
     """
@@ -178,7 +178,7 @@ ParametersOption = Annotated[list[Path] | None, value(
     "Repeatable: a later file overrides the earlier ones.", "FILE|SET", "--parameters", "-p", callback=_files)]
 FinOption = Annotated[int | None, value("Number of the fin in an FMU with several fins. Default: 1.", "N", min=1)]
 LayoutOption = Annotated[str | None, value(
-    "Placement of several fins: plus (one fin along body y) or cross (turned by half of the angle between two fins). "
+    "Placement of several fins: plus (one fin along body y) or cross (turned by half the angle between two fins). "
     "Default: cross.", "plus|cross")]
 FinFilesOption = Annotated[list[str] | None, value(
     "Parameter file for fin N of several; it overrides the files for all fins. Repeatable.", "N=FILE")]

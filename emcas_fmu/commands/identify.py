@@ -27,19 +27,19 @@ _EXPERIMENTS = {
 
     Columns: time, drive_reference, motor_current; also motor_speed, unless the rotor is clamped.
     """, "fast.csv staircase.csv --output identified.toml --report drive.html"),
-    "backlash": ("""Identify the backlash at the fin from fin angle and motor angle; it is reported, not a parameter.
+    "backlash": ("""Identify the backlash at the fin from fin angle and motor angle; nonlinear has no parameter for it.
 
     Columns: time, motor_angle, fin_angle.
     """, "reversals.csv --json backlash.json --report backlash.html"),
-    "inertia": ("""Identify the total inertia at the motor, and the rotor's share, from spin-ups.
+    "inertia": ("""Identify the total inertia at the motor, and the rotor's share, from spin-ups in both directions.
 
     Columns: time, motor_angle, motor_current (motor_speed, if present, is checked).
-    """, "up_*.csv down_*.csv -p base.toml --output identified.toml"),
+    """, "plus_*.csv minus_*.csv -p base.toml --output identified.toml"),
 }
 
 FilesArgument = Annotated[list[Path], typer.Argument(help="CSV files of measurements.", metavar="FILE...")]
 OutputOption = Annotated[Path | None, common.output_option(
-    "Write a parameter file: the identified values and the changes in --parameters.")]
+    "Write a parameter file: the identified values, and the values set by --parameters.")]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich", epilog=EPILOG,
                   help="Identify parameters from bench measurements. Each column has its unit in the header, as in "
@@ -67,7 +67,7 @@ def check_outputs(files: list[Path], parameters: list[Path] | None, output: Path
 
 def write(result: Identification, parameters: list[Path] | None, output: Path | None, report: Path | None,
           as_json: Path | None) -> None:
-    """Write the requested files of a result, whose base set was read from the files `parameters`."""
+    """Write the requested files of a result; its base set was read from the files `parameters`."""
     from ..studies.identification.result import write_identified
 
     common.write_results(result, (output, lambda each, path: write_identified(each, path, parameters or ())),
@@ -92,11 +92,12 @@ def friction(
     files: FilesArgument, parameters: common.ParametersOption = None, output: OutputOption = None,
     report: common.ReportOption = None, as_json: common.JsonOption = None,
     keep_cold_ratios: Annotated[bool, typer.Option("--keep-cold-ratios", help="Keep the cold-to-warm ratios of "
-                                                   "--parameters, for sweeps at one temperature.")] = False,
+                                                   "--parameters: all sweeps have one temperature.")] = False,
 ) -> None:
-    """Identify viscous and Coulomb friction per direction, and cold-to-warm ratios, from sweeps at constant speed.
+    """Identify viscous and Coulomb friction per direction, and cold-to-warm ratios, from sweeps of the fin's range.
 
-    Columns: time, motor_angle, motor_current, temperature (motor_speed, if present, is checked).
+    Each sweep has a constant speed. Columns: time, motor_angle, motor_current, temperature (motor_speed, if present, is
+    checked).
     """
     _identify("friction", files, parameters, output, report, as_json, keep_ratios=keep_cold_ratios)
 

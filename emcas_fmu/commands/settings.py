@@ -20,7 +20,8 @@ def read_settings(texts: Iterable[str], interface: FmuInterface) -> tuple[
         Mapping[int, dict[str, object]], dict[str, float], dict[str, float]]:
     """Return the values of --set: parameters by fin (0: all fins), parameters of the supply, and constant inputs.
 
-    The values are in SI, but those of fins as typed: numbers, Booleans, or texts with a unit. Raises EmcasError.
+    Values of the supply and of inputs are in SI; those of parameters are as typed: numbers, Booleans, or texts with a
+    unit. Raises EmcasError.
     """
     inputs = {v.name: v for v in (*interface.actuator.inputs, *interface.inputs)}
     supply = {v.name: v for each in LINES.values() for v in each.parameters} if interface.fins > 1 else {}
@@ -47,7 +48,7 @@ def read_settings(texts: Iterable[str], interface: FmuInterface) -> tuple[
 
 
 def entered(option: str, entry: str, how: In) -> float:
-    """Return an option's value in SI from its text, a number with a unit or in the unit of `how`. Raises EmcasError."""
+    """Return an option's value in the unit of `how` from its text, a number with or without unit. Raises EmcasError."""
     value = _value(entry)
     unitless = not isinstance(value, (bool, str)) and how.unit not in ("", "1")
     try:
@@ -57,7 +58,7 @@ def entered(option: str, entry: str, how: In) -> float:
 
 
 def _unknown(name: str, interface: FmuInterface, known: Iterable[str]) -> str:
-    """Return the reason why a name is unknown: it needs several fins or an extension, or is misspelt."""
+    """Return the reason why a name is refused: it needs several fins or an extension, or does not exist."""
     if interface.fins == 1 and name in {v.name for each in LINES.values() for v in each.parameters}:
         return "needs --fins: only several fins share a supply"
     lacks = f"the {interface.actuator.name} actuator has no such parameter or input"

@@ -28,7 +28,7 @@ EPILOG = common.examples(
     "--input flight.csv -p my_actuator.toml --json figures.json",
     "--step 10 --model elastic+faults --set fault.jam.begin='80 ms' --set fault.jam.end='1 s' --plot jam.png",
     "--fins 4 --fin 2=my_actuator.toml --step 10 --set bus.source_resistance=0.02 --plot fins.html")
-# Bounds of command and load: half a turn in either direction, and a thousand times the rated hinge moment of Table 2.
+# Limits of command and load: half a turn, and a thousand times the rated hinge moment of Table 2, in either direction.
 _STEP, _TORQUE = In("deg", -180.0, 180.0), In("N.m", -1e5, 1e5)
 
 

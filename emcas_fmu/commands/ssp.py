@@ -44,7 +44,7 @@ def write(
 ) -> None:
     """Write an SSP 1.0 archive with the variants nominal, cold and degraded.
 
-    A variant is left out if it changes a parameter that the actuator lacks.
+    Cold and degraded as shipped are left out if they change a parameter that the actuator lacks.
     """
     if context.invoked_subcommand:
         return

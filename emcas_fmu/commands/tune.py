@@ -28,7 +28,7 @@ def tune(
     requirements: Annotated[Path | None, common.value("File of requirements (TOML) that replace the study's; "
                                                       "docs/use/requirements.md.", "FILE.toml", ending=".toml")] = None,
     output: Annotated[Path | None, common.output_option(
-        "Write a parameter file: the gains and the changes in --parameters.")] = None,
+        "Write a parameter file: the gains, and the values set by --parameters.")] = None,
     report: common.ReportOption = None,
     as_json: common.JsonOption = None,
     seed: Annotated[int, common.value("Seed of the random search; the same seed gives the same gains.", "N",

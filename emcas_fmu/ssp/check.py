@@ -83,13 +83,13 @@ def _guids(structure: SystemStructure, required: str | None) -> Iterator[Problem
         for wanted, why in ((written, "the archive was written for"), (of_this_package and required, "required is")):
             if wanted and wanted.strip().strip("{}").lower() != fmu.guid.strip().strip("{}").lower():
                 yield Problem("error", structure.file, f"component {name}", f"{source} has GUID {fmu.guid}, {why} "
-                              f"{wanted}", "replace it by that FMU, or write a new archive: emcas ssp --fmu FILE")
+                              f"{wanted}", "replace it with that FMU, or write a new archive: emcas ssp --fmu FILE")
 
 
 def _wiring(structure: SystemStructure) -> Iterator[Problem]:
-    """Yield findings about connections and about inputs and outputs without a connection.
+    """Yield findings about connections, and about inputs and outputs without one.
 
-    A connection is right from an output to an input without another connection, both with the same type and unit.
+    A correct connection runs from an output to an input that has no other, and both have the same type and unit.
     """
     variables = structure.variables
     signals = {**structure.connectors, **variables}
@@ -126,7 +126,7 @@ def _wiring(structure: SystemStructure) -> Iterator[Problem]:
 
 
 def _declarations(structure: SystemStructure) -> Iterator[Problem]:
-    """Yield an error for each connector or parameter that differs from the FMU's variable, or is beyond its limits."""
+    """Yield an error for each connector or parameter that does not match its variable: name, kind, unit or limits."""
     variables = structure.variables
     ends = [(near, far) for start, end in reversed(structure.connections) for near, far in ((start, end), (end, start))]
     # A connector of the system has the limits of the first variable to which it is wired.

@@ -1,7 +1,7 @@
 """System structures of an archive, with their parameter sets.
 
-The form that this package writes is read: FMUs in one system, with their parameter sets in files. A structure that is
-not valid, or has another form that SSP allows, is not read; findings give the reason.
+Only the form that this package writes is read: FMUs in one system, with their parameter sets in files. For a structure
+that is not valid, or has another form that SSP allows, findings give the reason.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _RULES: tuple[tuple[Literal["error", "warning"], str, str, str], ...] = (
 class Problem:
     """A problem of an archive: file, location (`place`, such as a connection or parameter), message and remedy.
 
-    With an error hosts fail or compute something else. A warning is about what SSP allows, and may be intended.
+    An error makes hosts fail or compute other results. A warning names a use that SSP allows and may be intended.
     """
 
     level: Literal["error", "warning"]
@@ -251,7 +251,7 @@ def _signal(node: Any) -> Signal:
 
 
 def read_interface(source: Path | bytes, name: str) -> Interface:
-    """Return the interface of an FMU of FMI 2.0; `source` is its file or contents, `name` its name in messages.
+    """Return the interface of an FMU of FMI 2.0; `source` is its path or its bytes, `name` its name in messages.
 
     Raises SspError if it is not an FMU of FMI 2.0, EmcasError if it cannot be opened.
     """

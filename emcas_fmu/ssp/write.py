@@ -1,6 +1,6 @@
 """An SSP archive from an FMU and parameters; the same inputs give the same bytes.
 
-By default the system has only components, each with the same FMU: libcosim and Ecos refuse a structure in which a
+By default the components, all with the same FMU, are not wired: libcosim and Ecos refuse a structure in which a
 connector of the system itself is wired. They would ignore connections with another prefix than ``ssd:``, which
 OMSimulator refuses. fmpy's simulate_ssp needs the system's connectors, which `border` adds.
 """
@@ -69,9 +69,9 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
     number of the fin, from 1; `variant_files` are files by name of the variant. With a `border` the fins are wired to
     connectors of the system.
 
-    With `halves` each fin is two components, its controllers and its plant, which are built and wired. A signal between
-    components takes a step, by which the plant's drive delay is shortened: the trajectory is that of the whole actuator
-    if the delay is a step or more.
+    With `halves` each fin is two components, its controllers and its plant, which are built and wired. The host delays
+    each signal between components by a step, and the plant's drive delay is shortened by it: the trajectory is that of
+    the whole actuator if this delay is a step or more.
 
     Raises EmcasError for invalid arguments and files, SspError if the archive does not pass its check.
     """
@@ -135,7 +135,7 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
 
 
 def _too_late(fin: ParameterSet) -> str:
-    """Return a warning if a signal between components takes longer than the drive's delay; otherwise ""."""
+    """Return a warning if the step between components is longer than the drive's delay; otherwise ""."""
     delay = float(fin.values.get(_DELAY, 0.0))
     return "" if delay >= STEP_SIZE * (1.0 - SLACK) else (
         f"{_DELAY} = {delay:g} s is below the step of {STEP_SIZE:g} s that the reference takes between components: the "
@@ -143,7 +143,7 @@ def _too_late(fin: ParameterSet) -> str:
 
 
 def _plant(fin: ParameterSet) -> ParameterSet:
-    """Return the parameters of the plant alone: the drive's delay is a step shorter if it was a step or more."""
+    """Return the parameters of the plant alone: the drive's delay, if it is a step or more, is a step shorter."""
     return fin if _too_late(fin) else fin.with_values({_DELAY: max(float(fin.values[_DELAY]) - STEP_SIZE, 0.0)})
 
 

@@ -16,8 +16,8 @@ from ..errors import EmcasError, unreadable
 # compressed to a third; FMUs of others, with tables and documentation, are up to a hundred times larger.
 MOST_ENTRIES = 10_000
 MOST_BYTES = 1 << 30  # of all entries, unpacked
-MOST_RATIO = 50  # of unpacked to packed size; text reaches 20
-SMALL = 16 << 20  # unpacked bytes up to which any ratio is allowed
+MOST_RATIO = 50  # of the entries' unpacked size to the archive's; text reaches 20
+SMALL = 16 << 20  # bytes of all entries, unpacked, up to which any ratio is allowed
 MOST_XML = 32 << 20  # bytes of all XML documents; a parsed document needs ten times its size in memory
 MOST_FOLDERS = 16  # inside each other
 _XML = (".xml", ".ssd", ".ssv", ".ssm", ".ssb")
@@ -65,11 +65,11 @@ def _problem(archive: zipfile.ZipFile, size: int) -> str:
     if documents > MOST_XML:
         return f"its XML documents are {_mb(documents)}, more than {_mb(MOST_XML)}"
     tests: tuple[tuple[Callable[[zipfile.ZipInfo], object], str], ...] = (
-        # ZipInfo.filename is cut at a zero byte, and Windows's separators in it are replaced.
+        # ZipInfo.filename is cut at a zero byte, and on Windows its backslashes are replaced.
         (lambda e: _UNSOUND.match(e.orig_filename), "has a name that is not a path inside the archive"),
         (lambda e: e.filename.count("/") > MOST_FOLDERS, f"is in more than {MOST_FOLDERS} folders inside each other"),
         (lambda e: e.flag_bits & _ENCRYPTED, "is encrypted"),
-        (lambda e: e.compress_type not in _METHODS, "is packed by a method other than deflate"))
+        (lambda e: e.compress_type not in _METHODS, "is neither stored nor packed by deflate"))
     return next((f"entry {e.filename!r:.200} {said}" for e in entries for test, said in tests if test(e)), "")
 
 

@@ -125,7 +125,7 @@ def _check(kind: Any) -> Check | None:
 
 
 def _elements(origin: Any, of: list[Check | None], length: int | None) -> Check:
-    """Return the check of a collection or mapping and its elements; text is none, an array a row of numbers."""
+    """Return the check of a collection and its elements; refuse text, and accept an array [n] for finite numbers."""
     def check(value: Any) -> bool:
         if hasattr(value, "ndim"):
             return of == [_is_finite] and value.ndim == 1 and all(map(_is_finite, value))

@@ -16,7 +16,7 @@ class Endless(BaseException):
 def bounded(seconds: float) -> Iterator[None]:
     """Raise Endless in the block, at the line that is being executed, if the block lasts longer than `seconds`.
 
-    Another thread waits, so that the code is not slower. A call of C code, such as time.sleep, is not interrupted.
+    A timer in another thread does not slow the code down. A call of C code, such as time.sleep, ends first.
     """
     thread, lock, running = threading.get_ident(), threading.Lock(), [True]
 

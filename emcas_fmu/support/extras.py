@@ -1,4 +1,4 @@
-"""Libraries that only some functions need: the package's extras, and others."""
+"""Import of libraries that only some functions need: those of the package's extras, and others."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def absent(extra: str, what: str, *modules: str) -> str:
 
 
 def require(extra: str, what: str, *modules: str) -> None:
-    """Import modules, of an `extra` or with "" of any package. Raises EmcasError, "`what` ...", if that fails."""
+    """Import modules of an `extra`, or with "" of other packages. Raises EmcasError, "`what` ...", if that fails."""
     for module in modules:
         try:
             import_module(module)

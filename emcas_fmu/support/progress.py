@@ -44,9 +44,9 @@ def _at_interrupts(act: Callable[[], object]) -> Iterator[None]:
 
 
 def waking(done: SimpleQueue[Any]) -> AbstractContextManager[None]:
-    """Put None into the queue `done` at Ctrl-C in a block in which a KeyboardInterrupt could leave a lock locked.
+    """Return a context in which Ctrl-C puts None into the queue `done`: a KeyboardInterrupt could leave a lock locked.
 
-    A program's own handler of Ctrl-C remains.
+    If the program has its own handler of Ctrl-C, this handler remains.
     """
     usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     return _at_interrupts(lambda: done.put(None)) if usual else nullcontext()

@@ -174,7 +174,7 @@ def test_fmu_with_another_guid_is_an_error(ssp: Path, native: Path, fmu: Path, t
     guid = "{00000000-0000-0000-0000-000000000000}"
     error = check(ssp, guid=guid).errors[0]
     assert error.place == "component fin1"
-    assert f"required is {guid}; replace it by that FMU, or write a new archive" in str(error)
+    assert f"required is {guid}; replace it with that FMU, or write a new archive" in str(error)
     with pytest.raises(EmcasError, match="is not an FMU"):
         check(ssp, fmu=Path(__file__))
     contents = read_archive(ssp)
