@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .api import *  # noqa: F403  # __all__ is there
 
 __version__ = "0.3.0"
-__date__ = "2026-11-23"  # of the version; in the changelog when it is released
+__date__ = "2026-11-23"  # of the version; in the changelog's heading when it is released
 __author__ = "The EMCAS-FMU authors"
 __copyright__ = f"Copyright (c) 2026 {__author__}"
 __license__ = "MIT"

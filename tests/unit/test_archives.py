@@ -47,7 +47,7 @@ UNSOUND: dict[str, tuple[Callable[[], bytes], str]] = {
     "parent": (lambda: _zip(("a/../../b", b"")), "not a path inside"),
     "newline": (lambda: _zip(("a\nb", b"")), "not a path inside"),
     "zero byte": (lambda: _zip(("aQb", b"")).replace(b"aQb", b"a\0b"), "not a path inside"),
-    "encrypted": (lambda: _patched(8, 0x1), "is encrypted"), "method": (lambda: _patched(10, 97), "nor packed by deflate"),
+    "encrypted": (lambda: _patched(8, 0x1), "is encrypted"), "method": (lambda: _patched(10, 97), "stored nor packed"),
     "folders": (lambda: _zip(("a/" * (MOST_FOLDERS + 1) + "b", b"")), "folders inside each other"),
     "entries": (lambda: _zip(*((str(i), b"") for i in range(MOST_ENTRIES + 1))), f"more than {MOST_ENTRIES}"),
     "ratio": (lambda: _zip(("x.bin", bytes(64 * MB))), f"more than {MOST_RATIO} times"),
