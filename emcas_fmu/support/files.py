@@ -89,7 +89,7 @@ def _refuse_shared(folder: Path) -> None:
     if folder.stat().st_uid != user:
         reason = "it belongs to another user"
     elif mode & (stat.S_IWGRP | stat.S_IWOTH):
-        reason = f"others may write to it (mode {stat.S_IMODE(mode):04o}), remove it"
+        reason = f"others may write to it (mode {stat.S_IMODE(mode):04o}); remove this folder"
     for parent in folder.parents:
         status = parent.stat()
         if status.st_uid not in trusted:
