@@ -83,29 +83,29 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
     of the line that are allowed but unusual. Raises EmcasError for arguments with which no response can be computed.
     """
     sets = _sets("simulate", parameters)
-    unit = FmuInterface(len(sets), sets[0].model)
-    if line and unit.fins == 1:
+    interface = FmuInterface(len(sets), sets[0].model)
+    if line and interface.fins == 1:
         raise EmcasError("simulate: line applies to several fins on one supply; pass their sets, as from fin_sets")
-    if unit.fins > 1 and kernel not in ("auto", "python"):
+    if interface.fins > 1 and kernel not in ("auto", "python"):
         raise EmcasError(f"kernel {kernel}: several fins are computed in Python; leave it out, or build a native FMU")
     if excitation is None:
         excitation = _at_rest(_in("s", stop, _DURATION), _in("s", step, STEP), inputs)
     elif stop is not None or step is not None:
         raise EmcasError(f"simulate: stop and step are set by the excitation, {excitation.title}; leave them out")
-    excitation = _with_inputs(excitation, inputs, unit)
+    excitation = _with_inputs(excitation, inputs, interface)
     sets = tuple(each.with_values(each.having(excitation.start_values)) for each in sets)
     require_shared(sets, "simulate")
     try:
-        columns = (simulate_fins([each.values for each in sets], excitation.stop, excitation.step, unit.kind, line,
-                                 **excitation.columns) if unit.fins > 1 else
-                   simulate_one(sets[0].values, excitation.stop, excitation.step, kernel, unit.kind,
+        columns = (simulate_fins([each.values for each in sets], excitation.stop, excitation.step, interface.kind, line,
+                                 **excitation.columns) if interface.fins > 1 else
+                   simulate_one(sets[0].values, excitation.stop, excitation.step, kernel, interface.kind,
                                 **excitation.columns))
     except EmcasError:
         raise
     except (ArithmeticError, TypeError, ValueError) as error:
         raise EmcasError(f"the response cannot be computed: {error}") from error
-    response = Response(unit, sets, excitation, columns)
-    of_line = unit.line.broken_rules(line, warnings=True) if unit.line and line else []
+    response = Response(interface, sets, excitation, columns)
+    of_line = interface.line.broken_rules(line, warnings=True) if interface.line and line else []
     for message in (*response.warnings, *of_line):
         warnings.warn(message, EmcasWarning, stacklevel=3)  # at the caller's line, outside `checked`
     return response
@@ -140,18 +140,18 @@ def _at_rest(stop: float, step: float, inputs: Mapping[str, InputSignal | str]) 
     return Excitation(title or "at rest", {COMMAND: np.zeros(round(stop / step) + 1)}, step=step)
 
 
-def _with_inputs(excitation: Excitation, inputs: Mapping[str, InputSignal | str], unit: FmuInterface) -> Excitation:
-    """Return an excitation with additional inputs; an input of one fin replaces the same input of all fins."""
-    known = {v.name: v for v in (*unit.actuator.inputs, *unit.inputs)}
-    columns = dict(excitation.columns)
+def _with_inputs(base: Excitation, inputs: Mapping[str, InputSignal | str], interface: FmuInterface) -> Excitation:
+    """Return `base` with additional inputs; an input of one fin replaces the same input of all fins."""
+    known = {v.name: v for v in (*interface.actuator.inputs, *interface.inputs)}
+    columns = dict(base.columns)
     for keyword, signal in inputs.items():
         variable = _input(keyword, known)
-        values = [signal(t) for t in excitation.time.tolist()] if callable(signal) else signal
-        count = len(excitation.time)
+        values = [signal(t) for t in base.time.tolist()] if callable(signal) else signal
+        count = len(base.time)
         columns[variable.name] = np.broadcast_to(_column(
             f"input {variable.name}", values, variable.unit, count, _OF_A_RUN), count).copy()
     columns = dict(sorted(columns.items(), key=lambda item: item[0].startswith("fin[")))
-    return replace(excitation, columns=spread(columns, unit))
+    return replace(base, columns=spread(columns, interface))
 
 
 def _input(keyword: str, known: Mapping[str, Variable]) -> Variable:

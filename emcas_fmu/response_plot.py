@@ -22,18 +22,18 @@ from .variables import Variable
 _LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # styles of outputs in a panel, for several fins
 
 
-def draw(unit: FmuInterface, title: str, fins: Sequence[Run], columns: Columns,
+def draw(interface: FmuInterface, title: str, fins: Sequence[Run], columns: Columns,
          panels: Sequence[Sequence[Variable]], estimated: Collection[str]) -> Figure:
     """Plot command and outputs of the fins, their line and extensions over time, and shade active limits.
 
-    `fins` are the runs of the fins, `columns` the outputs of the `unit` by name with ``time`` [s], `panels` the
+    `fins` are the runs of the fins, `columns` the outputs of the `interface` by name with ``time`` [s], `panels` the
     actuator's outputs in each panel, `estimated` the names of extensions' outputs that depend on estimates. The caller
     is inside `style()`.
     """
     label, unit_of_time = time_axis(columns["time"][-1])
     time = columns["time"] * unit_of_time
-    extensions = extension_outputs(unit.kind)
-    shared = unit.line.outputs if unit.line else ()
+    extensions = extension_outputs(interface.kind)
+    shared = interface.line.outputs if interface.line else ()
     plotted, grid = panel_grid(len(panels) + len(shared) + len(extensions), 2, (
         f"{label} (shaded: a limit {'of any fin ' * (len(fins) > 1)}is active)"), width=10.0, sharex=True)
     first, remaining = grid[0], iter(grid)

@@ -57,60 +57,62 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
     as ``fin_command``, applies to every fin, ``**{"fin[2].fin_command": ...}`` to one. Raises the errors of `simulate`,
     and EmcasError for an unknown parameter of the line.
     """
-    unit = FmuInterface(len(sets), model)
-    if unit.fins == 1:
+    interface = FmuInterface(len(sets), model)
+    if interface.fins == 1:
         raise ValueError("one fin shares no line; see simulate()")
     problems = [f"fin {k}: {problem}" for k, values in enumerate(sets, 1)
                 for problem in check_parameters(values, model)]
-    starts = dict(zip((v.name for v in unit.variables), start_values(unit, sets), strict=True))
-    line_parameters = unit.line.parameters if unit.line else ()
+    starts = dict(zip((v.name for v in interface.variables), start_values(interface, sets), strict=True))
+    line_parameters = interface.line.parameters if interface.line else ()
     line_values = {v.name: starts[v.name] for v in line_parameters}
     if unknown := [name for name in line or {} if name not in line_values]:
-        raise EmcasError(f"there is no {unknown[0]}; the {unit.line.name} has {', '.join(line_values)}" if unit.line
-                         else f"{unknown[0]}: {unit.actuator.name} has no supply line; leave line out")
+        raise EmcasError(
+            f"there is no {unknown[0]}; the {interface.line.name} has {', '.join(line_values)}" if interface.line else
+            f"{unknown[0]}: {interface.actuator.name} has no supply line; leave line out")
     line_values |= line or {}
     problems += check_ranges(line_values, [(v.name, v.minimum, v.maximum) for v in line_parameters])
-    if unit.line and not problems:
-        problems += unit.line.broken_rules(line_values)
+    if interface.line and not problems:
+        problems += interface.line.broken_rules(line_values)
     if problems:
         raise ParameterError(problems)
-    table = _table(unit.inputs, [starts[v.name] for v in unit.inputs], stop, step, spread(inputs, unit))
-    _check_finite(table, unit.inputs, step)
+    table = _table(interface.inputs, [starts[v.name] for v in interface.inputs], stop, step, spread(inputs, interface))
+    _check_finite(table, interface.inputs, step)
     source, of_line = get(model).source, list(line_values.values())
     if source is not None:
         starts_of_one = [float(v.initial(sets[0])) for v in get(model).inputs]
         trial.try_out(model, compiled.parameter_row(sets[0], model), starts_of_one, 100, _by_python, _by_python)
     try:
-        rows = _fins_by_python(unit, codegen.multi_fin(sets, of_line, model), table, step)
+        rows = _fins_by_python(interface, codegen.multi_fin(sets, of_line, model), table, step)
     except (ArithmeticError, ValueError):
         if source is not None:  # raises the error with the line of the file, if it is within this time
             cores = codegen.multi_fin(sets, of_line, model, diagnosis.functions)
-            _fins_by_python(unit, cores, table[:round(LONGEST_DIAGNOSIS / step) + 1], step)
+            _fins_by_python(interface, cores, table[:round(LONGEST_DIAGNOSIS / step) + 1], step)
         raise
-    return {"time": np.arange(len(table)) * step, **{v.name: rows[:, i].copy() for i, v in enumerate(unit.outputs)}}
+    outputs = {v.name: rows[:, i].copy() for i, v in enumerate(interface.outputs)}
+    return {"time": np.arange(len(table)) * step, **outputs}
 
 
-def _fins_by_python(unit: FmuInterface, cores: MultiFin, table: Array, step: float) -> Array:
-    mixing = [unit.reference[v.name] for v in MIXING]
-    rows, acting = np.empty((len(table), len(unit.outputs))), tuple[Any, ...]()
+def _fins_by_python(interface: FmuInterface, cores: MultiFin, table: Array, step: float) -> Array:
+    mixing = [interface.reference[v.name] for v in MIXING]
+    rows, acting = np.empty((len(table), len(interface.outputs))), tuple[Any, ...]()
     for k, row in enumerate(table.tolist()):
         if k:
             rows[k] = cores.run(k * step, acting)
-        fins = [[row[i] for i in indices] for indices in unit.fin_inputs]
+        fins = [[row[i] for i in indices] for indices in interface.fin_inputs]
         acting = cores.acting(fins, cores.motion_loads(*fins[0][codegen.MOTION_SLICE]), [row[i] for i in mixing])
         if not k:
             rows[k] = cores.outputs(acting)
     return rows
 
 
-def spread(inputs: Mapping[str, T], unit: FmuInterface) -> dict[str, T]:
+def spread(inputs: Mapping[str, T], interface: FmuInterface) -> dict[str, T]:
     """Return inputs by the names of a multi-fin FMU; an input of a single actuator becomes the input of every fin."""
-    names, names_of_one = {v.name for v in unit.inputs}, {v.name for v in unit.actuator.inputs}
+    names, names_of_one = {v.name for v in interface.inputs}, {v.name for v in interface.actuator.inputs}
     by_name: dict[str, T] = {}
     for keyword, signal in inputs.items():
         name = keyword.replace("__", ".")
         every = name not in names and name in names_of_one
-        by_name |= {unit.name(name, fin): signal for fin in range(unit.fins)} if every else {name: signal}
+        by_name |= {interface.name(name, fin): signal for fin in range(interface.fins)} if every else {name: signal}
     return by_name
 
 

@@ -31,7 +31,7 @@ def parameters(
         "--sets", help="List the shipped sets, whose names --parameters accepts.")] = False,
     sensitivity: Annotated[float | None, common.value(
         "Order the remaining estimates by their effect: the largest change of the fin angle if one estimate changes by "
-        "10 %, within 0.5 s of a step to half of command.limit against this moment in N.m (0: none).", "TORQUE")] = None,
+        "10 %, in 0.5 s after a step to half of command.limit against this moment in N.m (0: none).", "TORQUE")] = None,
 ) -> None:
     """Check a parameter set and print it with units and sources; with --parameters, also the remaining estimates."""
     from ..studies.overview import amounts_to, by_effect, remaining_estimates

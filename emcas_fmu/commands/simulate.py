@@ -61,9 +61,9 @@ def simulate(
         "of a hydraulic supply) makes the supply sag. roll_command, pitch_command and yaw_command are mixed into all "
         "commands.",
         "NAME=VALUE", "--set")] = None,
-    fins: Annotated[int, common.value("Number of actuators on one supply, all with the same case, step or columns; a "
-                                      "column such as fin[2].fin_command is for one fin. Several fins are computed in "
-                                      "Python, more slowly.", "N")] = 1,
+    fins: Annotated[int, common.value("Number of actuators on one supply, all with the same case, step or inputs; a "
+                                      "column fin[2].fin_command of --input is for one fin. Several fins are computed "
+                                      "in Python, more slowly.", "N")] = 1,
     layout: common.LayoutOption = None,
     fin: common.FinFilesOption = None,
     stop: Annotated[float | None, common.value("End of the simulation. Default: 0.5 with --step, the last time with "
