@@ -27,9 +27,9 @@ _EXPERIMENTS = {
 
     Columns: time, drive_reference, motor_current; also motor_speed, unless the rotor is clamped.
     """, "fast.csv staircase.csv --output identified.toml --report drive.html"),
-    "backlash": ("""Identify the backlash at the fin from fin angle and motor angle; nonlinear has no parameter for it.
+    "backlash": ("""Identify the backlash at the fin from fin angle and motor angle.
 
-    Columns: time, motor_angle, fin_angle.
+    It is only reported: the nonlinear actuator has no parameter for it. Columns: time, motor_angle, fin_angle.
     """, "reversals.csv --json backlash.json --report backlash.html"),
     "inertia": ("""Identify the total inertia at the motor, and the rotor's share, from spin-ups in both directions.
 
