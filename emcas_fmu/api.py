@@ -315,9 +315,9 @@ class Batch:
     """Many actuators of one model side by side, in machine code: for Monte Carlo runs of a 6-DOF, or a swarm.
 
     `sets` contains a parameter set for each actuator, or is one set for all `count` actuators. `varied` maps names of
-    parameters to their values [SI], an array [count] or a number for all. `threads` is
-    the number of threads that share a step. A program may also step several batches at once, each in its own thread: a
-    step does not hold the interpreter's lock. The numbers are those of a single actuator, to the bit.
+    parameters to their values [SI], an array [count] or a number for all. `threads` is the number of threads that share
+    a step. A program may also step several batches at once, each in its own thread: a step does not hold the
+    interpreter's lock. The numbers are those of a single actuator, to the bit.
 
     Raises ParameterError, which names an actuator with unsound parameters; CompilerError, an EmcasError, without a C
     compiler; and EmcasError for other arguments that cannot be used.

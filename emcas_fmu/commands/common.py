@@ -100,7 +100,7 @@ def _date(text: str) -> str:
 
 
 def ends_in(ending: str, remedy: str = "") -> Callable[[Path | None], Path | None]:
-    """Return a callback that raises EmcasError, with the `remedy`, for a file's path without the `ending`.
+    """Return a callback that raises typer.Exit, after a message with the `remedy`, for a path without the `ending`.
 
     The callback accepts existing terminals, pipes and folders; `check_outputs` refuses folders.
     """

@@ -44,7 +44,7 @@ def write(
 ) -> None:
     """Write an SSP 1.0 archive with the variants nominal, cold and degraded.
 
-    Cold and degraded as shipped are left out if they change a parameter that the actuator lacks.
+    The shipped variants cold and degraded are left out if they change a parameter that the actuator lacks.
     """
     if context.invoked_subcommand:
         return

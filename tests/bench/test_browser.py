@@ -191,7 +191,7 @@ def test_contents_link_to_every_section(browser: Browser, simulation_page: Path)
 
 def test_page_explains_the_opposite_signs_of_its_errors(simulation_page: Path) -> None:
     text = simulation_page.read_text("utf-8")
-    assert "tracking error is command minus angle, the steady error angle minus command" in text
+    assert "is the clipped command minus the angle, the steady error the angle minus the command" in text
 
 
 @pytest.fixture(scope="module")
