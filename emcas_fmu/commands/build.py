@@ -53,7 +53,7 @@ def build(
         "Build half of the actuator, for hardware as the other half: controller (input: measured angle, output: "
         "reference) or plant (input: reference).", "controller|plant")] = None,
     interface: Annotated[str, common.value(
-        "Result of the FMU: angle (of the fin under the host's load) or torque (on a fin that is a body in the host's "
+        "Output of the FMU: angle (of the fin under the host's load) or torque (on a fin that is a body in the host's "
         "model).", "angle|torque")] = "angle",
     references: Annotated[bool, typer.Option(
         help="Embed reference responses, which any host can repeat. With changed parameters their integration takes a "
