@@ -80,7 +80,7 @@ def test_error_has_its_location_and_a_remedy(edit: Edit, old: str, new: str, loc
     ('name="motor.resistance"', 'name="motor.resistence"', "parameter motor.resistence: the FMU has no such "
      "variable; did you mean motor.resistance?"),
     ('name="motor.resistance"', 'name="fin_angle"', "parameter fin_angle: is output in the FMU and cannot be set"),
-    ('value="0.25" unit="Ohm"', 'value="-1" unit="Ohm"', "parameter motor.resistance: is -1 Ohm, outside 1e-06 .. "
+    ('value="0.25" unit="Ohm"', 'value="-1" unit="Ohm"', "parameter motor.resistance: is -1 Ohm, outside 0.0001 .. "
      "10000; write a value within the limits"),
     ('value="0.25" unit="Ohm"', 'value="0.25" unit="V"', "is in V, but the FMU's variable is in Ohm; use a "
      "quantity in Ohm"),
