@@ -168,7 +168,8 @@ def _why(r: Requirement, measured: float) -> str:
     """Return the reason why a figure has no value."""
     kind = r.test.kind if r.test else ""
     if kind == "linear":
-        return "the closed loop is unstable, or the actuator cannot rest at 0"
+        return ("the closed loop is unstable, or the actuator cannot rest at 0" if isnan(measured) else
+                "the loop's gain or phase never reaches the value at which this margin is measured")
     if not isnan(measured):
         return "the condition is not met by the end of the run"
     if kind == "sine":

@@ -265,8 +265,10 @@ def test_missing_or_infinite_value_never_passes(value: float | None, sense: str)
 def test_figure_without_a_value_is_worse_than_any_number_and_says_why() -> None:
     parameters = load_parameters()
     subject = ParameterSubject(parameters)
-    (wanted,) = (r for r in load_requirements(None, parameters).requirements if r.name == "settling")
-    for bad, said in ((nan, "never reaches"), (inf, "not met by the end")):
+    named = {r.name: r for r in load_requirements(None, parameters).requirements}
+    for name, bad, said in (("settling", nan, "never reaches"), ("settling", inf, "not met by the end"),
+                            ("gain_margin", nan, "is unstable"), ("gain_margin", inf, "never reaches the value")):
+        wanted = named[name]
         figures = [Measured(wanted, case, value) for case, value in (
             (NOMINAL, 1e9), (Case("odd", {}), bad), (NOMINAL, 0.01))]
         row = judged(wanted, figures, subject)
