@@ -122,7 +122,8 @@ class Actuator:
     - ``faults``: faults of this actuator, which the extension `faults` offers in addition to the general faults
     - ``provides``: capabilities that extensions and tools need (:mod:`emcas_fmu.actuators.capabilities`)
     - ``reference``: an independent integration: a Python file or a module's name, with `simulate(parameters, inputs)`
-    - ``without_effect``: inputs that do not change the fin's motion; requirements that need them are not judged
+    - ``without_effect``: inputs that do not change the fin's motion; requirements that need them are not judged, and
+      with the supply among them the power does not depend on a shared bus's voltage
     - ``hidden``: inputs of the port that a half, or an actuator with the torque interface, lacks; such an
       actuator may also lack outputs of the port
     - ``modules``: modules whose docstrings describe the equations; ``source``: the user's file; ``begun(ops, p, x,

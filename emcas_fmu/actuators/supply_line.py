@@ -6,7 +6,7 @@ the line is stiff: each fin has the source's voltage or pressure.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from inspect import signature
@@ -27,9 +27,10 @@ class SupplyLine:
     """A kind of line: its parameters, outputs and equations for several actuators.
 
     `level(ops, source, *states)` returns the voltage [V] or pressure [Pa] at the actuators; `following(ops, p, source,
-    states, flow, mean, inverse_inductance)` returns the states after an update. `p` are the parameters of the group,
-    `flow` is the current [A] or flow [m3/s] to all actuators from now on, `mean` its mean since the last update (equal
-    to `flow` unless actuators have a `course`), `inverse_inductance` the sum of :meth:`Supply.within` [1/H].
+    states, flow, mean, inverse_inductance, keeps_power)` returns the states after an update. `p` are the parameters of
+    the group, `flow` is the current [A] or flow [m3/s] to all actuators from now on, `mean` its mean since the last
+    update (equal to `flow` unless actuators have a `course`), `inverse_inductance` the sum of :meth:`Supply.within`
+    [1/H]. `keeps_power` is true if the supply's input is in `without_effect` of the actuator's declaration.
     """
 
     name: str  # in messages
@@ -44,7 +45,7 @@ class SupplyLine:
     start: Callable[[Ops, Any], tuple[Value, ...]]  # start values of the states, from the parameters of the group
     sags: bool  # whether the first state is a sag below the source, also while the source ramps
     level: Callable[..., Value]
-    following: Callable[[Ops, Any, Value, Sequence[Value], Value, Value, Value], tuple[Value, ...]]
+    following: Callable[..., tuple[Value, ...]]
     equations: ModuleType
     rules: tuple[Rule, ...] = ()  # for its parameters
 
@@ -140,8 +141,7 @@ PRESSURE_LINE = SupplyLine(
     start=lambda ops, p: (pressure_line.AT_SOURCE,),
     sags=False,
     level=pressure_line.pressure,
-    following=lambda ops, p, source, states, flow, mean, inverse_inductance: (pressure_line.next_pressure(
-        ops, p, source, states[0], flow),),
+    following=lambda ops, p, source, states, flow, *_: (pressure_line.next_pressure(ops, p, source, states[0], flow),),
     equations=pressure_line,
 )
 LINES: Mapping[str, SupplyLine] = {"V": BUS, "Pa": PRESSURE_LINE}

@@ -37,7 +37,7 @@ PARAMETERS = in_group(
     tunable("acceleration_limit", "rad/s2", 1e-3, 1e6, "largest acceleration of the generated motion"),
     tunable("jerk_limit", "rad/s3", 1.0, 1e12, "largest change of that acceleration with time"),
 )
-TRACKING = in_group("trajectory", tunable("tracking_limit", "rad", radians(1e-3), 10.0,
+TRACKING = in_group("trajectory", tunable("tracking_limit", "rad", radians(0.01), 10.0,
                                           "lag of the fin behind the generated motion beyond which this slows down"))
 """The additional parameters of actuators whose motion slows down: those with feed-forward and a position integral."""
 _LINE = tuple(f"trajectory_angle_{k}" for k in range(trajectory.LONGEST_LAG + 1))

@@ -19,9 +19,9 @@ would overshoot unless R h/L is small. A link follows its equation exactly under
 drives' inductances stays bounded if C >= h^2 sum 1/L_i; a smaller C is raised to this value. V_0 is a millivolt, or the
 source's voltage if that is less, so that I = sum P_i/V is finite on a collapsed bus; at V = 0 the drives' I is 0.
 
-Drives whose current does not follow the voltage (sum 1/L = 0) keep their power P = sum P_i. Without a link V is the
-higher solution of V = V_b - R P/V. With a link C is at least h |I|/V. V does not fall below V_b/2, where the source
-supplies its largest power, even if P is larger.
+Drives on which the voltage has no effect keep their power P = sum P_i. Without a link V is the higher solution of
+V = V_b - R P/V, and at least V_b/2, where the source supplies its largest power. A link does not fall below V_b/2 due
+to the drives; below it they draw at most V_b/(2 R), so that it recovers. Its C is at least h |I|/V if P < 0.
 
 For an actuator with its own link, q rises by the charge that flowed to it in the interval. The sag follows from the
 mean current that the actuator will draw in the next interval, with 1/L = Y/h, where Y is its mean admittance. Within an
@@ -62,31 +62,37 @@ def start(ops: Ops, p: Any) -> tuple[Value, ...]:
 
 
 def following(ops: Ops, p: Any, source: Value, states: Sequence[Value], current: Value, mean: Value,
-              inverse_inductance: Value) -> tuple[Value, ...]:
+              inverse_inductance: Value, keeps_power: bool = False) -> tuple[Value, ...]:
     """Return sag [V], voltage of the link [V] and charge drawn [A.s] after an update of the bus.
 
     The drives draw a `current` [A] from now on, and drew a `mean` current [A] since the last update;
-    `inverse_inductance` is sum 1/L_i [1/H].
+    `inverse_inductance` is sum 1/L_i [1/H]. With `keeps_power` the voltage has no effect on the drives.
     """
     sag, link, drawn = states
-    h, fallen, follows = p.update_time, fall(ops, p, drawn), inverse_inductance > 0.0
+    h, fallen, resistance = p.update_time, fall(ops, p, drawn), p.source_resistance
     before, open_circuit = voltage(ops, source, sag, link, drawn), ops.maximum(source - fallen, 0.0)
 
     def linked() -> tuple[Value, ...]:
-        least = ops.where(follows, h * h * inverse_inductance, h * ops.fabs(mean) / ops.maximum(before, LEAST_VOLTAGE))
-        capacitance = ops.maximum(p.capacitance, least)
-        of_link = namespace({"supply.source_resistance": p.source_resistance, "supply.one_way": True,
-                             "supply.capacitance": capacitance, "supply.chopper_voltage": p.chopper_voltage,
+        load, least, floor = mean, h * h * inverse_inductance, 0.0
+        if keeps_power:
+            most = open_circuit / (2.0 * resistance)
+            load = ops.where(before > open_circuit / 2.0, mean, ops.minimum(mean, most))
+            least = h * ops.maximum(-mean, 0.0) / ops.maximum(before, LEAST_VOLTAGE)
+            floor = ops.minimum(before, open_circuit / 2.0)
+        of_link = namespace({"supply.source_resistance": resistance, "supply.one_way": True,
+                             "supply.capacitance": ops.maximum(p.capacitance, least),
+                             "supply.chopper_voltage": p.chopper_voltage,
                              "supply.chopper_resistance": p.chopper_resistance})
-        after, charge = supply.moved(ops, of_link, before, open_circuit, mean, h)
-        after = ops.where(follows, after, ops.maximum(after, ops.minimum(before, open_circuit / 2.0)))
-        return sag, after, drawn + ops.maximum(charge, 0.0)
+        after, charge = supply.moved(ops, of_link, before, open_circuit, load, h)
+        return sag, ops.maximum(after, floor) if keeps_power else after, drawn + ops.maximum(charge, 0.0)
 
     def direct() -> tuple[Value, ...]:
-        resistance, admittance = p.source_resistance, h * inverse_inductance
-        crossing = sag + (resistance * current + fallen - sag) / (1.0 + resistance * admittance)
-        root = ops.sqrt(ops.maximum(open_circuit * open_circuit - 4.0 * resistance * current * before, 0.0))
-        reached = ops.where(follows, crossing, source - (open_circuit + root) / 2.0)
+        if keeps_power:
+            root = ops.sqrt(ops.maximum(open_circuit * open_circuit - 4.0 * resistance * current * before, 0.0))
+            reached = source - (open_circuit + root) / 2.0
+        else:
+            admittance = h * inverse_inductance
+            reached = sag + (resistance * current + fallen - sag) / (1.0 + resistance * admittance)
         return reached, link, ops.maximum(drawn + mean * h, -p.charge_used)  # a full battery stores no more
 
     return ops.branch(p.capacitance > 0.0, linked, direct)

@@ -61,7 +61,8 @@ def _of_line(actuator: Actuator, supply: Supply) -> tuple[NamedFunction, ...]:
 
     def following(ops: Ops, p: Any, *arguments: Value) -> tuple[Value, ...]:
         source, *state, current, mean, inverse_inductance = arguments[count:]
-        return line.following(ops, of_line(arguments[:count]), source, state, current, mean, inverse_inductance)
+        return line.following(ops, of_line(arguments[:count]), source, state, current, mean, inverse_inductance,
+                              supply.input.name in actuator.without_effect)
 
     def course(ops: Ops, p: Any, interval: Value, current: Value, before: Value, *states: Value) -> tuple[Value, ...]:
         assert supply_course is not None

@@ -134,7 +134,7 @@ def vectors(model: str, steps: float, lanes: int | None = None) -> ct.CDLL | Non
     most = loaded(model).actuator_lanes()
     lanes = most if lanes is None else lanes
     if lanes not in (1, *_VECTOR_FLAGS):
-        raise ValueError(f"{lanes} actuators in a vector: only {', '.join(map(str, (1, *_VECTOR_FLAGS)))} are possible")
+        raise ValueError(f"{lanes} actuators in a vector: only 1, 4 and 8 are possible")
     if lanes > most:
         raise ValueError(f"vectors of this processor hold {most} numbers, not {lanes}")
     if lanes not in _VECTOR_FLAGS or not worth(model, steps, lanes):

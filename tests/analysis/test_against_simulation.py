@@ -135,6 +135,14 @@ def test_replayed_controllers_compute_the_recorded_reference(changes: Values, mo
     assert not sweep.replay(subject({**p, "controller.speed_limit": 1e5}, model), start, command, motion)[1].any()
 
 
+def test_a_drive_that_is_off_until_it_is_homed_limits_nothing_in_a_replay() -> None:
+    p = {**load_parameters(model="nonlinear+homing").values, "homing.required": True}
+    still = {name: np.zeros((2, 5)) for name in ("motor_angle", "motor_speed", "motor_current")}
+    reference, limited = sweep.replay(subject(p, "nonlinear+homing"), np.zeros(2), np.full((2, 5), 0.1), still)
+    assert not reference.any()
+    assert not limited.any()
+
+
 def test_bandwidth_falls_with_amplitude_where_limits_act(values: Values) -> None:
     made = sweep.sweeps(subject({**values, **LOOP}), 60.0, amplitudes=(1.0, 6.0, 20.0))
     widths = [s.response.bandwidth for s in made]

@@ -148,7 +148,7 @@ def test_refused_actuator_of_a_batch_is_named(index: int, lanes: int, monkeypatc
         batches.Batch(sets, 11, "second-order", lanes=lanes)
     with pytest.raises(ParameterError, match=rf"actuator 0: controller\.sample_time = -{7 + index}\b"):
         batches.Batch(sets[index:index + 1], 5, "second-order", lanes=lanes)
-    with pytest.raises(ValueError, match="3 actuators in a vector: only 1, 8, 4"):
+    with pytest.raises(ValueError, match="3 actuators in a vector: only 1, 4 and 8"):
         batches.Batch(sets, 11, "second-order", lanes=3)
 
 

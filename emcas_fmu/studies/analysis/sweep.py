@@ -124,7 +124,7 @@ def replay(subject: Subject, start: Array, command: Array, motion: Mapping[str, 
         before = Record(**x | {name: motion[name][:, k] for name in states})
         after = actuator.commanded(ARRAYS, p, before, SampleInputs(
             command=delayed[k], position=actuator.position(ARRAYS, p, before), **others))
-        limited[:, k] = after["limited"][1]
+        limited[:, k] = np.broadcast_to(after["limited"], (2, len(command)))[1]
         x |= {name: value[0] if np.ndim(value) == 2 else value for name, value in after.items()}
         reference[:, k] = x["reference"]
     return reference, limited
