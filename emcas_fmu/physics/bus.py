@@ -14,8 +14,9 @@ charged: returned power raises V until drives or the chopper consume it.
 The bus is updated at intervals h; V is constant in between. Within h a drive at its voltage limit changes its current
 by about dV h/L for a change dV. Without a link the new sag V_source - V is therefore the intersection of two lines,
 that of the drives' current over V and that of the source, V_b - R I (one step of Newton's method): otherwise the sag
-would overshoot unless R h/L is small. A link follows its equation exactly under the mean I since the last update
-(:func:`emcas_fmu.physics.supply.moved`). Drives and link are stepped in turn. The oscillation of the link with the
+would overshoot unless R h/L is small. A link follows its equation exactly under a constant I: the present one or,
+of actuators with their own links, the mean since the last update (:func:`emcas_fmu.physics.supply.moved`). Drives and
+link are stepped in turn. The oscillation of the link with the
 drives' inductances stays bounded if C >= h^2 sum 1/L_i; a smaller C is raised to this value. V_0 is a millivolt, or the
 source's voltage if that is less, so that I = sum P_i/V is finite on a collapsed bus; at V = 0 the drives' I is 0.
 
@@ -65,7 +66,7 @@ def following(ops: Ops, p: Any, source: Value, states: Sequence[Value], current:
               inverse_inductance: Value, keeps_power: bool = False) -> tuple[Value, ...]:
     """Return sag [V], voltage of the link [V] and charge drawn [A.s] after an update of the bus.
 
-    The drives draw a `current` [A] from now on, and drew a `mean` current [A] since the last update;
+    The drives draw a `current` [A] from now on; `mean` [A] is the same or, with links of their own, the past mean;
     `inverse_inductance` is sum 1/L_i [1/H]. With `keeps_power` the voltage has no effect on the drives.
     """
     sag, link, drawn = states

@@ -121,6 +121,9 @@ def test_the_analysis_names_dead_time_as_neglected() -> None:
     words = "the inverter's dead time"
     assert words in neglected(get(MODEL), load_parameters(model=MODEL).values).values()
     assert words not in neglected(get("nonlinear"), load_parameters().values).values()
+    worm = load_parameters(model="worm-gear").values
+    smooth = {name: 0.0 if "coulomb" in name else value for name, value in worm.items()}
+    assert "friction" in neglected(get("worm-gear"), smooth)  # that of the worm's flanks
 
 
 # -- diodes of an open bridge --------------------------------------------------------------------------------------

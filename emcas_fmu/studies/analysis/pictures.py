@@ -38,7 +38,7 @@ _NOT_DRY = ("viscous", "friction.table.", "friction.temperature", "friction.iden
 def neglected(actuator: Actuator, values: Mapping[str, Any]) -> dict[str, str]:
     """Return an actuator's small effects that linear models leave out, in words by key; none whose `values` are 0."""
     present = [v.name for v in actuator.parameters if values[v.name]]
-    dry = any("coulomb" in name or name.startswith("friction.") for name in present
+    dry = any("coulomb" in name or name.startswith("friction.") or name.endswith("friction") for name in present
               if not any(word in name for word in _NOT_DRY))
     encoder, motor = "encoder.enabled" in present, capabilities.ENCODER in actuator.provides
     effects = {
