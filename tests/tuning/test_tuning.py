@@ -336,9 +336,12 @@ def test_journal_of_another_study_is_refused(study: Study, tmp_path: Path) -> No
     other = load_study(models_directory() / "tuning.toml", load_parameters())
     with pytest.raises(StudyError, match="another study"):
         Journal(path, other)
-    path.write_text("nonsense\n", encoding="utf-8")
-    with pytest.raises(StudyError, match="not a journal"):
-        Journal(path, study)
+    for foreign, refusal in (("nonsense\n", "not a journal"), ("nonsense", "not a journal"),
+                             ('{"a": 1}', "another study")):
+        path.write_text(foreign, encoding="utf-8")  # also a file of one line without an end is not overwritten
+        with pytest.raises(StudyError, match=refusal):
+            Journal(path, study)
+        assert path.read_text(encoding="utf-8") == foreign
 
 
 def test_gains_that_cannot_be_simulated_are_hopeless(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:

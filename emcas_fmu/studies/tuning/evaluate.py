@@ -83,7 +83,7 @@ def share(requirement: Requirement, measured: float) -> float:
 
 
 def evaluate(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluation]:
-    """Judge several sets of gains [SI], independently of each other, by every requirement in every case.
+    """Judge several sets of gains [SI], independently of each other, by every measurable requirement in its cases.
 
     The share is HOPELESS for a response that cannot be computed, and for gains that break a rule of the actuator.
     """
@@ -94,7 +94,7 @@ def evaluate(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluat
 
 
 class Journal:
-    """The evaluations of a study, by gains; with a `path` also lines of a file, from which a stopped search continues.
+    """The evaluations of a study, by gains. With a `path` they are also lines of a file: a stopped search continues.
 
     Raises StudyError if the file is not a journal, or is the journal of another study.
     """
@@ -105,9 +105,10 @@ class Journal:
         if path is None:
             return
         header = {"study": study.digest}
+        first_line = json.dumps(header) + "\n"
         text = path.read_text(encoding="utf-8") if path.is_file() else ""
         # A last line without a line end was cut off when the process was killed: its evaluation is repeated.
-        complete = text[:text.rfind("\n") + 1] or json.dumps(header) + "\n"
+        complete = text[:text.rfind("\n") + 1] or (first_line if first_line.startswith(text) else text)
         try:
             first, *entries = map(json.loads, complete.splitlines())
             evaluations = [Evaluation(dict(e["gains"]), tuple(Judgement(*j) for j in e["judgements"])) for e in entries]
