@@ -20,8 +20,8 @@ def read_settings(texts: Iterable[str], interface: FmuInterface) -> tuple[
         Mapping[int, dict[str, object]], dict[str, float], dict[str, float]]:
     """Return the values of --set: parameters by fin (0: all fins), parameters of the supply, and constant inputs.
 
-    Values of the supply and of inputs are in SI; those of parameters are as typed: numbers, Booleans, or texts with a
-    unit. Raises EmcasError.
+    Values of the supply and of inputs are in SI; those of parameters keep their unit: a number, a Boolean, or a text
+    such as '5 deg'. Raises EmcasError.
     """
     inputs = {v.name: v for v in (*interface.actuator.inputs, *interface.inputs)}
     supply = {v.name: v for each in LINES.values() for v in each.parameters} if interface.fins > 1 else {}
@@ -48,7 +48,10 @@ def read_settings(texts: Iterable[str], interface: FmuInterface) -> tuple[
 
 
 def entered(option: str, entry: str, how: In) -> float:
-    """Return an option's value in the unit of `how` from its text, a number with or without unit. Raises EmcasError."""
+    """Return an option's value in the unit of `how` from its text. Raises EmcasError.
+
+    The text is a number with or without unit or, if `how` is Boolean, true or false (returned as 1 or 0).
+    """
     value = _value(entry)
     unitless = not isinstance(value, (bool, str)) and how.unit not in ("", "1")
     try:

@@ -1,13 +1,14 @@
 """Two degrees of freedom: a trajectory generator, and feed-forward where the actuator has one.
 
 The command becomes a motion within limits of rate, acceleration and jerk (:mod:`emcas_fmu.control.trajectory`). An
-actuator with a feed-forward (`feed_forward` of its declaration) adds the reference for this motion, from the inverse of
-its plant. The reference acts some milliseconds later, so the position loop follows the motion delayed by that time,
-with a setpoint weight of 1 and its rate fed forward. The feedback only corrects what the model does not explain, and
-may have the gains of a robust loop. The controllers of other actuators follow the motion as their command.
+actuator with a feed-forward (`feed_forward` of its declaration) adds to its reference the one that this motion needs,
+computed with the inverse plant model. The reference acts some milliseconds later, so the position loop follows the
+motion delayed by that time, with a setpoint weight of 1 and its rate fed forward. The feedback only corrects what the
+model does not explain, and may have the gains of a robust loop. The controllers of other actuators follow the motion as
+their command.
 
-With trajectory.natural_frequency = 0 the actuator is unchanged. The motion begins at rest at the fin's angle: at the
-start, whenever the drive is enabled, and after homing.
+With trajectory.natural_frequency = 0 the actuator is unchanged. The motion begins at rest at the measured fin
+angle: at the start, whenever the drive is enabled, and after homing.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ PARAMETERS = in_group(
 )
 TRACKING = in_group("trajectory", tunable("tracking_limit", "rad", radians(0.01), 10.0,
                                           "lag of the fin behind the generated motion beyond which this slows down"))
-"""The additional parameters of actuators whose motion slows down: those with feed-forward and a position integral."""
+"""The additional parameter of actuators that slow the motion down: those with feed-forward and a position integral."""
 _LINE = tuple(f"trajectory_angle_{k}" for k in range(trajectory.LONGEST_LAG + 1))
 _RESTING = ("trajectory_rate", "trajectory_acceleration", "trajectory_memory", "trajectory_lost",
             "trajectory_overload")
@@ -48,7 +49,7 @@ _ALONE = {"controller.position.setpoint_weight": 1.0, "controller.position.veloc
 """Parameters of controllers that follow a motion with its rate fed forward at every sample."""
 _INTEGRAL = "controller.position.ki"
 _INTEGRALS = (_INTEGRAL, "controller.velocity.ki")
-_NONE = 1e-12  # lost share of a sample's travel up to which the motion is not slowed down; rounding leaves less
+_NONE = 1e-12  # lost share of a sample's travel up to which the loops still integrate; rounding leaves less
 
 
 def extend(actuator: Actuator) -> Actuator:
@@ -70,7 +71,7 @@ def _resting(angle: Value) -> dict[str, Value]:
 
 
 def _changed(ops: Ops, p: Any, actuator: Actuator, when: Value, values: Mapping[str, Value]) -> Any:
-    """Return the parameters; where a condition holds, those of `values` that the actuator has are replaced."""
+    """Return the parameters, changed where `when` holds to those of `values` that the actuator has."""
     declared = {v.name for v in actuator.parameters}
     return with_values_where(ops, when, p, {name: value for name, value in values.items() if name in declared})
 
@@ -91,7 +92,8 @@ def _sample(ops: Ops, p: Any, actuator: Actuator, x: Record, inputs: SampleInput
     if actuator.feed_forward is not None:
         ahead, memory, time = actuator.feed_forward(ops, p, motion, x.trajectory_memory)
         followed = trajectory.delayed(ops, time / p.controller.sample_time, angles)
-        # Of a motion that slows down, the share that is left is fed forward, and the distance to it is not integrated.
+        # While the motion is slowed, only the remaining share is fed forward, and the loops do not integrate the error,
+        # unless the motion stands still.
         before = x.trajectory_lost
         left = 1.0 - before
         inputs = inputs.replace(ahead=Ahead(left * ahead.speed, left * ahead.reference, follows))
@@ -124,8 +126,8 @@ def _slows(actuator: Actuator) -> bool:
     return actuator.feed_forward is not None and _INTEGRAL in {v.name for v in actuator.parameters}
 
 
-@rule("trajectory.jerk_limit = %.6g rad/s3 must be at least 1.5 trajectory.acceleration_limit times "
-      "trajectory.natural_frequency = %.6g rad/s3, or the motion brakes too late")
+@rule("trajectory.jerk_limit = %.6g rad/s3 must be at least %.6g rad/s3 (1.5 times acceleration_limit times "
+      "natural_frequency), or the motion brakes too late")
 def _jerk(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     t = p.trajectory
     least = 1.5 * t.acceleration_limit * t.natural_frequency
@@ -133,7 +135,7 @@ def _jerk(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 
 @rule("trajectory.natural_frequency = %.6g rad/s with trajectory.damping = %.6g is too fast for samples of "
-      "controller.sample_time = %.6g s: twice their product must be at most 1")
+      "controller.sample_time = %.6g s: the product of the three must be at most 0.5")
 def _sampled(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     t, period = p.trajectory, p.controller.sample_time
     fast = 2.0 * t.damping * t.natural_frequency * period
@@ -144,8 +146,8 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
     if (feed_forward := actuator.feed_forward) is None:
         return _jerk, _sampled
 
-    @rule("controller.sample_time = %.6g s: a reference acts after %.6g s, longer than the "
-          f"{trajectory.LONGEST_LAG} samples by which the extension trajectory delays a motion; raise the sample time")
+    @rule("controller.sample_time = %.6g s: a reference acts after %.6g s, longer than the extension "
+          f"trajectory can delay a motion, {trajectory.LONGEST_LAG} samples; raise the sample time")
     def delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         rest = trajectory.Motion(0.0, 0.0, 0.0, 0.0, 0.0)
         time = ops.where(p.trajectory.natural_frequency > 0.0, feed_forward(ops, p, rest, 0.0)[2], 0.0)

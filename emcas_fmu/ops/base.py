@@ -39,14 +39,14 @@ class Ops(Protocol):
         ...
 
     def pow(self, x: Value, y: Value) -> Value:
-        """Return x to the power y: x is above 0, or 0 with y above 0, or y is a whole Python number from -64 to 64."""
+        """Return x**y: x > 0, or x = 0 and y > 0, or y is a whole Python number from -64 (0 if x is 0) to 64."""
         ...
 
     def interp(self, x: Value, points: Sequence[Value], values: Sequence[Value]) -> Value:
         """Return the value at x on the lines between increasing points; beyond the points the first or last value.
 
-        Raises ValueError for points that are numbers and do not rise, for fewer than two points, and for another number
-        of values than of points.
+        Raises ValueError for points that are numbers and do not rise, for fewer than two points, or if the numbers of
+        points and values differ.
         """
         ...
 
@@ -62,9 +62,9 @@ class Ops(Protocol):
         ...
 
     def branch(self, condition: Value, yes: Thunk, no: Thunk, rare: bool = False) -> tuple[Value, ...]:
-        """Return the values of one of two functions, each a tuple of the same length; a `rare` condition seldom holds.
+        """Return the tuple of `yes()` where the condition holds, else that of `no()`; both have the same length.
 
-        Floats and generated scalar code evaluate only the chosen function. Arrays, symbols and vector code may evaluate
-        both functions, so neither may fail where it is not chosen.
+        `rare` is a hint that the condition seldom holds. Floats and generated scalar code evaluate only the chosen
+        function. Arrays, symbols and vector code may evaluate both, so neither may fail where it is not chosen.
         """
         ...

@@ -1,9 +1,10 @@
 """Trajectory generator and feed-forward in front of the thesis's loops.
 
-The generator has angle r, rate and acceleration, natural frequency W and damping z. With a small remaining angle e to
-the command its target rate is that of a linear system, e W/(2 z), otherwise that of braking with 0.8 a_max. Its rate
-approaches the target with the time constant 1/(2 z W). The loops' command is r delayed by the drive's delay, the lag of
-its current and the delay of the notch, read from a history of r.
+The generator's states are angle r, rate and acceleration; its parameters are the natural frequency W and the damping z.
+With a small remaining angle e to the command its target rate is that of a linear system, e W/(2 z), otherwise that of
+braking with 0.8 a_max. Its rate approaches the target with the time constant 1/(2 z W), within the limits of rate,
+acceleration and jerk. The loops' command is r delayed by the drive's delay, the lag of its current and the delay of the
+notch, read from a history of r.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from .controllers import Controllers
 from .screw import Screw
 from .vehicle import clip
 
-# Values of the loops' parameters behind the generator.
+# Parameter values that the loops use when a generator precedes them.
 _FOLLOWING = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 1.0,
               "command.update_time": 0.0}
 
@@ -39,7 +40,9 @@ class Following(Controllers):
     def _rest(self, fin: float) -> None:
         self.history = [fin] * (math.ceil(self.delay) + 2)  # rad, the newest first
         self.rate = self.acceleration = self.integral_of_drive = 0.0
-        self.overload = False  # since a limit of the drive the fin has been beyond the tracking limit
+        # True from when a limit of speed or reference is reached with the fin beyond the tracking limit until the fin
+        # is within it again.
+        self.overload = False
         self.lost = 0.0  # share of the last sample's motion that a lagging fin has removed
         self.forward: tuple[float, float] = 0.0, 0.0  # rad/s and V, speed and reference that are fed forward
         self.last_mean = 0.0  # rad/s, motor speed that the followed angle had in the last sample
@@ -70,14 +73,15 @@ class Following(Controllers):
         # A fin that lags too far slows the generator, at most to a standstill.
         behind, limit, way = followed - fin, self.p["trajectory.tracking_limit"], following - now
         lost = math.copysign(min(max(abs(behind) - limit, 0.0), abs(way)), way) if behind * way > 0.0 else 0.0
-        # With a load observer, the integral does not wind up from a limit of the drive until the fin is back.
+        # In an overload with a load observer the integral is 0 at a limit, and otherwise grows as for an error equal to
+        # the tracking limit.
         self.overload = abs(behind) > limit and (self.limited or self.overload)
         if self.overload and self.p["controller.load_observer"]:
             growth = (self.integral - integral) * limit / abs(behind)
             self.integral = 0.0 if self.limited else integral + growth
         # Without integral action and load observer any load keeps the fin behind.
         lost *= max(self.integral_gains[0], self.p["controller.load_observer"]) > 0.0
-        self.lost = lost / way if way else 0.0  # the package counts shares up to 1e-12 as none
+        self.lost = lost / way if way else 0.0  # extensions/trajectory.py treats shares up to 1e-12 as none
         self.rate = after * (1.0 - 0.3 * self.lost)
         self.history = [angle - lost for angle in (following, *self.history[:-1])]
         return reference

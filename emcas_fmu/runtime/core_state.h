@@ -1,7 +1,7 @@
 /* The state and the inputs of actuators that are stepped together.
  *
- * `lanes` has a number for each actuator: one number by scalar.h, several if vector.h is included first. model.h has
- * the sizes; it is generated, as are the equations.
+ * `lanes` has a number for each actuator: with scalar.h (the default) it is one number; if vector.h is included first,
+ * several. model.h has the sizes; it is generated, as are the equations.
  */
 #ifndef EMCAS_CORE_STATE_H
 #define EMCAS_CORE_STATE_H
@@ -19,8 +19,8 @@
 /* Stop the compilation if a condition is false; C99 has no static assertions. */
 #define CORE_REQUIRE(what, condition) typedef char core_required_##what[(condition) ? 1 : -1]
 
-/* The plant's states. With one lane the duration of the last step follows them. The step writes both in place: a copy
- * would read wider words than those just written, for which a processor waits. */
+/* The plant's states. With one lane the duration of the last step follows them, and the step then writes both in
+ * place, since a copy with wider loads than the preceding stores would stall (no store forwarding). */
 typedef struct {
     lanes x[CORE_PLANT + (LANES == 1)];
 } core_plant;
@@ -37,7 +37,7 @@ typedef struct {
 } core_ramp;
 
 /* A tick that contains a communication point: the plant's time within the tick [s], the time up to which inputs are
- * known [s], the inputs at the beginning, and the integrals of the loads' differences from these. */
+ * known [s], the inputs of the part's first interval, and the integrals of the loads' differences from these. */
 typedef struct {
     lanes origin, covered;
     core_inputs first;

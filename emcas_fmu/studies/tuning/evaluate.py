@@ -74,7 +74,10 @@ def margin_text(margin: float) -> str:
 
 
 def share(requirement: Requirement, measured: float) -> float:
-    """Return measured/maximum or minimum/measured of a figure [SI], at most HOPELESS; above 1 for a missed limit."""
+    """Return measured/maximum or minimum/measured of a figure [SI], at most HOPELESS; above 1 for a missed limit.
+
+    HOPELESS also for a figure that is not finite, or that misses a minimum and is not positive.
+    """
     if not isfinite(measured):
         return HOPELESS
     ratio = (measured / requirement.limit if requirement.sense == "maximum"
