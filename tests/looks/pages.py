@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
@@ -19,6 +20,8 @@ from emcas_fmu.fmi.interface import FmuInterface
 from emcas_fmu.parameters import load_parameters
 from tests.docs.recipes import ROOT
 from tests.explore.browser import write_page
+
+GUID = "{0}"  # on all pages, whatever the FMU
 
 CAMPAIGN = """
 [campaign]
@@ -71,7 +74,7 @@ def emcas(*arguments: object, program: object = app) -> None:
 
 
 def documentation(page: str) -> None:
-    files = documents(FmuInterface(1, "nonlinear"), (load_parameters(),), "{0}", "native", FORMATS["2"], ("linux64",))
+    files = documents(FmuInterface(1, "nonlinear"), (load_parameters(),), GUID, "native", FORMATS["2"], ("linux64",))
     Path(page).write_bytes(files["documentation/index.html"])
 
 
@@ -104,7 +107,8 @@ def tuning(page: str) -> None:
 def jsbsim(page: str) -> None:
     subprocess.run([sys.executable, ROOT / "examples" / "jsbsim" / "fly.py", "--manoeuvre", "gentle", "--step", "4",
                     "--no-convergence", "-o", "flight"], check=True, stdout=subprocess.DEVNULL)
-    shutil.move("flight/report.html", page)
+    text = Path("flight/report.html").read_text("utf-8")
+    Path(page).write_text(re.sub(r"\{[0-9a-f-]{36}\}", GUID, text), "utf-8")  # of the FMU; changes with its interface
 
 
 PAGES: Mapping[str, Callable[[str], object]] = {
