@@ -162,15 +162,21 @@ class Sines:
         """Return sines of the command [rad], or cosines of another input `variable`, with an amplitude in its unit."""
         return sine(amplitude, self.frequency, self._cycles, self.transient, variable, self.step)
 
-    def fit(self, column: Array) -> tuple[Array, list[Array]]:
+    @property
+    def _fits(self) -> list[tuple[slice, Array]]:
+        return [_fit(*each, self.transient, self.step, self.drift)
+                for each in zip(self.frequency.tolist(), self._cycles.tolist(), strict=True)]
+
+    def rows(self, column: Array) -> list[Array]:
+        """Return the fitted rows of each run of a column [runs, rows]."""
+        return [run[chosen] for run, (chosen, _) in zip(column, self._fits, strict=True)]
+
+    def fit(self, column: Array) -> Array:
         """Return the complex amplitude c of Re(c exp(2 pi i f t)) in each run of a column [runs, rows].
 
-        The amplitude, in the column's unit, is nan if a fitted row is. The second result has each run's fitted rows.
+        The amplitude, in the column's unit, is nan if a fitted row is.
         """
-        fits = [_fit(*each, self.transient, self.step, self.drift)
-                for each in zip(self.frequency.tolist(), self._cycles.tolist(), strict=True)]
-        rows = [run[chosen] for run, (chosen, _) in zip(column, fits, strict=True)]
-        return np.array([weights @ each for each, (_, weights) in zip(rows, fits, strict=True)]), rows
+        return np.array([weights @ rows for rows, (_, weights) in zip(self.rows(column), self._fits, strict=True)])
 
 
 @lru_cache(maxsize=1024)  # bisections of all variants use the same frequencies, fewer than this

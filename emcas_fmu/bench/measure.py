@@ -316,8 +316,9 @@ def describing_function(subject: Subject, changes: Sequence[Mapping[str, Any]], 
     """
     sines = Sines(np.array(frequency), TRANSIENT, (CYCLES, FITTED))
     runs = subject.run_all(sines.excitation(amplitude), columns(subject, changes), ("fin_angle",))
-    fundamentals, rows = sines.fit(runs.columns["fin_angle"])
-    pure = 0.5 * np.abs(fundamentals) ** 2 >= PURE * np.array([np.var(each) for each in rows])
+    angle = runs.columns["fin_angle"]
+    fundamentals = sines.fit(angle)
+    pure = 0.5 * np.abs(fundamentals) ** 2 >= PURE * np.array([np.var(rows) for rows in sines.rows(angle)])
     return np.where(pure, 1j * fundamentals / amplitude, complex(nan, nan))
 
 

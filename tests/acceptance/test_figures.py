@@ -107,13 +107,13 @@ def test_play_has_the_thresholds_of_its_width(half: float, values: Mapping[str, 
 def test_fundamental_of_a_sine_with_offset_drift_and_harmonic() -> None:
     sines, time = Sines(np.array([4.0]), (0.0, 0.7), (8.0, 0.0), drift=True), np.arange(2701) * 1e-3
     values = 3.0 * np.cos(2 * pi * 4.0 * time + 0.4) + 5.0 + 0.2 * time
-    ((found,), _) = sines.fit(values[np.newaxis])
+    (found,) = sines.fit(values[np.newaxis])
     assert found == pytest.approx(3.0 * np.exp(0.4j), abs=1e-9)
     # Over whole cycles a harmonic enters only through the drift, which fits up to 6/(pi 24) of 24 cycles and adds
     # 2/(pi 8) of itself to the 8 cycles of the fundamental.
     values += 0.5 * np.cos(2 * pi * 12.0 * time)
     leakage = 0.5 * 6 / (pi * 24) * 2 / (pi * 8)
-    ((found,), _) = sines.fit(values[np.newaxis])
+    (found,) = sines.fit(values[np.newaxis])
     assert found == pytest.approx(3.0 * np.exp(0.4j), abs=leakage)
 
 

@@ -120,7 +120,7 @@ def synthetic_figures() -> dict[str, list[Any]]:
         "leaps": [weights, metrics.power_figures(power[:60], weights)],
         "frequency response": [response, response.gain_db, *response.crossings, *response.stated, swept(response)],
         "fundamental": [Sines(np.array([2.0, 11.0 / 6.0]), (1.0, 0.6), (2.0, 0.9), 2e-3, drift).fit(
-            responses[:2] + 0.3 * np.cos(11.0 * time))[0] for drift in (True, False)],
+            responses[:2] + 0.3 * np.cos(11.0 * time)) for drift in (True, False)],
         "held": held(0.3 + 0.2j, 9.0, 4e-3), "breakaway": metrics.breakaway(power, responses[0]),
         "bidirectional": metrics.bidirectional(several, several[::-1] * 0.9),
         "units": [[metrics.unit_of(key), metrics.in_words(key)] for key in (

@@ -80,12 +80,12 @@ def sines(subject: Subject, amplitude: Array, frequency: Array, at: Array | floa
                            [name for name in _RECORDED if name in subject.outputs])
     for k in range(len(runs)):
         runs[k].finished()
-    fundamentals, rows = stepped.fit(runs.columns["fin_angle"])
+    angle = runs.columns["fin_angle"]
     # Backlash absorbs the sine where the remaining motion is rounding.
-    moved = np.array([np.ptp(each) > CREPT for each in rows])
+    moved = np.array([np.ptp(rows) > CREPT for rows in stepped.rows(angle)])
     acting = _acting(subject, mean, command, runs.columns) if subject.actuator.provides.issuperset(NEEDS) else []
-    return np.column_stack([np.where(moved, 1j * fundamentals / amplitude, 0.0),
-                            *([np.mean(each) for each in stepped.fit(limit)[1]] for limit in acting)])
+    return np.column_stack([np.where(moved, 1j * stepped.fit(angle) / amplitude, 0.0),
+                            *([np.mean(rows) for rows in stepped.rows(limit)] for limit in acting)])
 
 
 def _acting(subject: Subject, start: Array, command: Array, outputs: Mapping[str, Array]) -> list[Array]:

@@ -52,8 +52,9 @@ def sweep(rig: Rig, amplitude: float, powered: bool) -> tuple[Array, bool, list[
         sines = Sines(np.array([frequency]), SETTLE, (CYCLES, 0.0), drift=True)
         wave = sines.excitation(amplitude, LOAD).of(0)
         run = rig.run(wave if powered else wave.holding(_UNPOWERED)).columns
-        (fundamental,), rows = sines.fit(run["fin_angle"][np.newaxis])
-        moved, stopped = bool(np.ptp(rows) > CREPT), bool(np.any(run["at_stop"] > 0.5))
+        angle = run["fin_angle"][np.newaxis]
+        (fundamental,) = sines.fit(angle)
+        moved, stopped = bool(np.ptp(sines.rows(angle)) > CREPT), bool(np.any(run["at_stop"] > 0.5))
         locked &= not moved
         stops += [frequency] * stopped
         stiffness.append(held(amplitude, frequency, STEP) / fundamental
