@@ -56,10 +56,10 @@ STEPPING = (Quantity("fin_angle_deg", "largest difference between both fin angle
 
 def static(rig: Rig) -> Outcome:
     """Measure the errors on the grid, `CYCLES` times up and down, without and with each tolerance."""
-    (cases, file), targets = rig.tolerances, np.linspace(-rig.limit, rig.limit, INTERVALS + 1)
-    shipped = file.startswith("models/")
+    tolerances, targets = rig.tolerances, np.linspace(-rig.limit, rig.limit, INTERVALS + 1)
+    kind = "estimates" if tolerances.estimated else "tolerances"
     variants = {"grid": {}, **{
-        case.name: case.values for case in cases if case.values.keys() <= rig.subject.values.keys()}}
+        case.name: case.values for case in tolerances.cases if case.values.keys() <= rig.subject.values.keys()}}
     # Each cycle goes up from the lowest target and down again. The lowest target is approached from above only.
     levels = targets[[0, *[*range(1, INTERVALS + 1), *range(INTERVALS - 1, -1, -1)] * CYCLES]]
     grid = staircase(np.radians(levels).tolist(), (HOLD,) * len(levels), step=GRID_STEP)
@@ -74,7 +74,7 @@ def static(rig: Rig) -> Outcome:
         measured = bidirectional(*errors)
         below, above = measured["means"]
         groups[name] = FigureGroup(
-            f"{name.replace('_', ' ')} ({'estimates' if shipped else 'tolerances'})" if k else f"{len(targets)} angles",
+            f"{name.replace('_', ' ')} ({kind})" if k else f"{len(targets)} angles",
             {q.key: measured[q.key.removesuffix("_deg")] for q in STATIC}, STATIC[:1 if k else 3],
             {"command_deg": targets, "error_from_below_deg": below, "error_from_above_deg": above,
              "reversal_deg": measured["reversal"]}, errors)
@@ -82,8 +82,8 @@ def static(rig: Rig) -> Outcome:
         f"{len(targets)} commands evenly over ±{rig.limit:g} deg, {CYCLES} times up and down, no load. Each is held "
         f"for {HOLD:g} s; its angle is the mean over the last {LAST:g} s. The ends of the range are approached from "
         "one side only and are not part of the hysteresis."
-        + f" With tolerances, the actuator deviates from the parameters in its controllers by the "
-        f"{'estimates' if shipped else 'tolerances'} in {file}."
+        + f" With tolerances, the actuator deviates from the parameters in its controllers by the {kind} in "
+        f"{tolerances.file}."
         * (len(variants) > 1), groups)
 
 

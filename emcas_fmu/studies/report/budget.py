@@ -62,7 +62,7 @@ def limits(rig: Rig) -> dict[str, tuple[float, float]]:
 
     The ambient temperature varies over the range in which friction was identified.
     """
-    values, (cases, _) = rig.subject.values, rig.tolerances
+    values, cases = rig.subject.values, rig.tolerances.cases
     names = dict.fromkeys(name for case in cases for name in case.values if name in values)
     ends = {name: [values[name], *(case.values[name] for case in cases if name in case.values)] for name in names}
     if capabilities.AMBIENT_TEMPERATURE in rig.subject.actuator.provides and values.keys() >= {*_RANGE}:
@@ -168,7 +168,7 @@ def measure(rig: Rig) -> Outcome:
     load = abs(wanted[1].test.torque) if wanted[1] and wanted[1].test else rig.load
     wanted = [wanted[0], wanted[1] or wanted[0]]
     limit = [r.limit if r else ACCURACY for r in wanted]
-    own, built, file = imperfections(rig), toleranced(rig), rig.tolerances[1]
+    own, built = imperfections(rig), toleranced(rig)
     found, drawn = _measured(rig, [*own, *built], load), _drawn(rig, load)
     as_set = found.pop("as_set")
     labels = {"loop": "loop: mean of both sides of approach", "friction": "friction: half the difference of the sides",
@@ -201,7 +201,8 @@ def measure(rig: Rig) -> Outcome:
         "drawn uniformly between their limits, hold one drawn command each; the error of a sample is its largest over "
         "the last third.",
         groups, (*notes, *_limitations(rig, own)), tall=True,
-        estimate=f"The tolerances in {file} are estimates." if built and file.startswith("models/") else "")
+        estimate=f"The tolerances in {rig.tolerances.file} are estimates." if built and rig.tolerances.estimated
+        else "")
 
 
 def _limitations(rig: Rig, own: Sequence[Term]) -> Iterator[str]:
@@ -215,4 +216,4 @@ def _limitations(rig: Rig, own: Sequence[Term]) -> Iterator[str]:
     if missing := [name for name in known if name not in {term.label for term in own}]:
         yield f"Not in the budget, as this article has none: {', '.join(missing)}."
     if unknown := [name for name in rig.subject.actuator.nominal if name not in bounds]:
-        yield f"Not in the budget, as {rig.tolerances[1]} has no tolerance of {', '.join(unknown)}."
+        yield f"Not in the budget, as {rig.tolerances.file} has no tolerance of {', '.join(unknown)}."

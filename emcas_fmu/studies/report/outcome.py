@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import degrees
@@ -24,6 +24,18 @@ RECORDED = measure.recorded(figures_of("jump", "usage"))
 _LABELS = {"bandwidth_3db": "-3 dB", "bandwidth_90deg": "-90 deg"}
 
 
+class Tolerances(NamedTuple):
+    """The cases that change only deviations of the actuator as built, and their file."""
+
+    cases: list[Case]
+    file: str
+
+    @property
+    def estimated(self) -> bool:
+        """Whether the tolerances are those of a shipped file, which are estimates."""
+        return self.file.startswith("models/")
+
+
 @dataclass(frozen=True)
 class Rig:
     """A subject with the requirements, load and mission of its tests.
@@ -43,20 +55,17 @@ class Rig:
         return self.specification or load_requirements(None, self.subject.parameters)
 
     @cached_property
-    def tolerances(self) -> tuple[list[Case], str]:
-        """The cases that change only deviations of the actuator as built, and their file.
+    def tolerances(self) -> Tolerances:
+        """The tolerances in the requirements' file.
 
-        The file is that of the requirements if it has such cases, otherwise the tuning study of the actuator or, if it
-        has none, of the default actuator: its tolerances are estimates. The list is empty if both files have none.
+        If it has none, they are those of the tuning study of the actuator or, without a study, of the default actuator.
         """
+        if found := _of_deviations(self.requirements.cases):
+            return Tolerances(found, self.requirements.file)
         kind = parts(self.subject.model)[0]
         has_study = shipped_file("tuning", kind).stem == kind
-        study_cases = shipped_cases(load_parameters(model=kind if has_study else NONLINEAR))
-        for file, cases in ((self.requirements.file, self.requirements.cases),
-                            (f"models/tuning{f'/{kind}' * has_study}.toml", study_cases)):
-            if found := [c for c in cases if c.values and all(name.startswith("deviation.") for name in c.values)]:
-                return found, file
-        return [], file
+        return Tolerances(_of_deviations(shipped_cases(load_parameters(model=kind if has_study else NONLINEAR))),
+                          f"models/tuning{f'/{kind}' * has_study}.toml")
 
     @property
     def load(self) -> float:
@@ -73,6 +82,10 @@ class Rig:
         run = self.subject.run(excitation, outputs=[name for name in RECORDED if name in self.subject.outputs])
         run.finished()
         return run
+
+
+def _of_deviations(cases: Iterable[Case]) -> list[Case]:
+    return [case for case in cases if case.values and all(name.startswith("deviation.") for name in case.values)]
 
 
 class Quantity(NamedTuple):
