@@ -74,11 +74,8 @@ class Slave(DeclaredSlave):
                 self._log(f"initialization refused: {problem}")
             self._say(f"initialization refused: {self._refusal}")
             return
-        core: Any = self._core
-        if self._finite(inputs := self._core_inputs(core)):
-            self._values[self._output_slice] = core.outputs(inputs)
-        else:
-            self._clear_outputs()
+        self._clear_outputs()
+        self._refresh()  # in the run it would not clear the outputs if an input is not finite
         self._warn()
 
     def do_step(self, current_time: float, step_size: float) -> bool:
