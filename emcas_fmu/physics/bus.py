@@ -16,9 +16,9 @@ by about dV h/L for a change dV. Without a link the new sag V_source - V is ther
 that of the drives' current over V and that of the source, V_b - R I (one step of Newton's method): otherwise the sag
 would overshoot unless R h/L is small. A link follows its equation exactly under a constant I: the present one or,
 of actuators with their own links, the mean since the last update (:func:`emcas_fmu.physics.supply.moved`). Drives and
-link are stepped in turn. The oscillation of the link with the
-drives' inductances stays bounded if C >= h^2 sum 1/L_i; a smaller C is raised to this value. V_0 is a millivolt, or the
-source's voltage if that is less, so that I = sum P_i/V is finite on a collapsed bus; at V = 0 the drives' I is 0.
+link are stepped in turn. The oscillation of the link with the drives' inductances stays bounded if C >= h^2 sum 1/L_i;
+a smaller C is raised to this value. V_0 is a millivolt, or the source's voltage if that is less, so that I = sum P_i/V
+is finite on a collapsed bus; at V = 0 the drives' I is 0.
 
 Drives on which the voltage has no effect keep their power P = sum P_i. Without a link V is the higher solution of
 V = V_b - R P/V, and at least V_b/2, where the source supplies its largest power. A link does not fall below V_b/2 due

@@ -118,6 +118,15 @@ def both(built: Any) -> Both:
     return Both(*built)
 
 
+@pytest.fixture
+def pair(built: Any) -> tuple[Both, Both]:
+    """Two runs after the same five steps."""
+    pair = Both(*built), Both(*built)
+    for each in pair:
+        run(each, 5)
+    return pair
+
+
 @pytest.fixture(autouse=True)
 def quiet(capsys: pytest.CaptureFixture[str]) -> Iterator[None]:
     yield
@@ -143,10 +152,8 @@ def test_parameters_that_belong_together_are_set_in_two_calls(built: Any) -> Non
     assert orders[0] == orders[1] != orders[2]
 
 
-def test_a_refused_step_changes_nothing_and_a_right_value_goes_on(built: Any) -> None:
-    both, undisturbed = Both(*built), Both(*built)
-    for each in (both, undisturbed):
-        run(each, 5)
+def test_a_refused_step_changes_nothing_and_a_right_value_goes_on(pair: tuple[Both, Both]) -> None:
+    both, undisturbed = pair
     right = both.value(GAIN)
     both.set(GAIN, 1e4)
     assert [both.step(), both.step()] == [False, False]
@@ -166,11 +173,9 @@ def test_outputs_do_not_change_while_parameters_break_a_rule(both: Both) -> None
     assert both.read() != before
 
 
-def test_states_keep_parameters_that_break_a_rule(built: Any) -> None:
+def test_states_keep_parameters_that_break_a_rule(pair: tuple[Both, Both]) -> None:
     """A state that is restored, or stored and continued elsewhere, refuses the step until the parameter is mended."""
-    both, undisturbed = Both(*built), Both(*built)
-    for each in (both, undisturbed):
-        run(each, 5)
+    both, undisturbed = pair
     right = both.value(GAIN)
     both.set(GAIN, 1e4)
     both.set(PHASE, 0.4)
